@@ -110,7 +110,7 @@ pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
     CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, Shared, State,
-    Stepping, Stride, Watching, check_size,
+    Stepping, Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

@@ -231,31 +231,9 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Report of the effects that a state would need, if the model can give one.
-    fn watching(&self) -> Option<&dyn Watching<T>> {
-        None
-    }
-
-    /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
-    /// the model is, whatever field interpolates between them. `None` for a model that fills the cells of its
-    /// field.
-    fn particles(&self) -> Option<&[Sample<T>]> {
-        None
-    }
-
-    /// Stresses at the nodes, if the model knows them; for output and probes.
-    fn recovery(&self) -> Option<&dyn Recovery<T>> {
-        None
-    }
-
-    /// Gradients at points, if the model is a continuum; for the energy that cracks release.
-    fn gradients(&self) -> Option<&dyn Gradients<T>> {
-        None
-    }
-
-    /// Bonds between the nodes, if the model has bonds; for output.
-    fn links(&self) -> Option<&dyn Links<T>> {
-        None
+    /// What the model offers besides forces. The default offers nothing.
+    fn views(&self) -> Views<'_, T> {
+        Views::default()
     }
 
     /// Restricts the model to the part that the rank of `communicator` owns. The run calls it before the
@@ -281,11 +259,6 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
-    fn effects(&self) -> &[&'static str] {
-        &[]
-    }
-
     /// Figures of the effects in the model, for reports: names (with units) and values.
     fn facts(&self) -> Vec<(String, f64)> {
         Vec::new()
@@ -304,10 +277,50 @@ pub trait Model<T: Real>: Send {
     fn restore(&mut self, from: &Record<T>) -> Result<()> {
         from.expect(self.name(), 0, 0)
     }
+}
 
-    /// Stiffness matrix, if the model is linear; the static twin and the harmonic analysis need it.
-    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        None
+/// What a model offers besides forces ([`Model::views`]), for probes, output and methods for linear models.
+/// Every field is optional.
+#[derive(Clone, Copy)]
+#[non_exhaustive]
+pub struct Views<'a, T: Real> {
+    /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
+    pub effects: &'a [&'static str],
+    /// Stiffness matrix of a linear model; the static twin and the harmonic analysis need it.
+    pub linear: Option<&'a dyn LinearModel<T>>,
+    /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
+    /// the model is, whatever field interpolates between them. `None` for a model that fills the cells of its
+    /// field.
+    pub particles: Option<&'a [Sample<T>]>,
+    /// Stresses at the nodes, for output and probes.
+    pub recovery: Option<&'a dyn Recovery<T>>,
+    /// Gradients at points of a continuum, for the energy that cracks release.
+    pub gradients: Option<&'a dyn Gradients<T>>,
+    /// Bonds between the nodes, for output.
+    pub links: Option<&'a dyn Links<T>>,
+    /// Report of the effects that a state would need.
+    pub watching: Option<&'a dyn Watching<T>>,
+}
+
+impl<T: Real> Default for Views<'_, T> {
+    fn default() -> Self {
+        Self {
+            effects: &[],
+            linear: None,
+            particles: None,
+            recovery: None,
+            gradients: None,
+            links: None,
+            watching: None,
+        }
+    }
+}
+
+impl<T: Real> std::fmt::Debug for Views<'_, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Views")
+            .field("effects", &self.effects)
+            .finish_non_exhaustive()
     }
 }
 
@@ -357,7 +370,7 @@ pub trait Stepping<T: Real> {
 
 /// A model that changes itself as it moves.
 pub trait Evolving<T: Real> {
-    /// Name of the effect that takes the energy, one of [`Model::effects`].
+    /// Name of the effect that takes the energy, one of [`Views::effects`].
     fn effect(&self) -> &'static str;
 
     /// Lets the model change itself and returns the energy that left it \[J\], by the rule of [`Evolution`].

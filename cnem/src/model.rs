@@ -31,7 +31,7 @@ use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
-    Recovery, Shared, Weight, advice, check_size, spectrum,
+    Recovery, Shared, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -386,16 +386,13 @@ impl Model<f64> for CnemModel {
         self.part.as_ref().map(|p| &**p.portion())
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        Some(self)
-    }
-
-    fn gradients(&self) -> Option<&dyn Gradients<f64>> {
-        self.part.is_none().then_some(self as _)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        self.part.is_none().then_some(self as _)
+    fn views(&self) -> Views<'_, f64> {
+        let is_whole = self.part.is_none();
+        let mut views = Views::default();
+        views.recovery = Some(self);
+        views.linear = is_whole.then_some(self as _);
+        views.gradients = is_whole.then_some(self as _);
+        views
     }
 }
 

@@ -15,7 +15,7 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::{Communicator, Portion};
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
-    Patches, Real, Recovery, Shared, Weight, advice, check_size, spectrum,
+    Patches, Real, Recovery, Shared, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -283,16 +283,13 @@ impl<T: Real> Model<T> for FemModel<T> {
         self.part.as_ref().map(Part::portion)
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<T>> {
-        Some(self)
-    }
-
-    fn gradients(&self) -> Option<&dyn Gradients<T>> {
-        (self.part.is_none() && self.mesh().kind() != ElementKind::Bar2).then_some(self)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        self.part.is_none().then_some(self as _)
+    fn views(&self) -> Views<'_, T> {
+        let is_whole = self.part.is_none();
+        let mut views = Views::default();
+        views.recovery = Some(self);
+        views.linear = is_whole.then_some(self as _);
+        views.gradients = (is_whole && self.mesh().kind() != ElementKind::Bar2).then_some(self as _);
+        views
     }
 }
 

@@ -234,7 +234,7 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     }
     let s = &run.subdomains()[0];
     let imbalance = s.portion().map_or(0.0, |p| p.division().imbalance());
-    let held = match s.model().links() {
+    let held = match s.model().views().links {
         // Bonds of owned particles name owned particles and ghosts.
         Some(links) => links
             .pairs()

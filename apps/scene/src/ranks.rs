@@ -47,7 +47,7 @@ fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
             (units < ranks).then_some(rule)
         };
         let why = whole(scene, m, body).or_else(small);
-        let what = match body.model.particles() {
+        let what = match body.model.views().particles {
             Some(_) => "particles",
             None => "nodes",
         };

@@ -252,7 +252,7 @@ impl<T: Real> Subdomain<T> {
     /// that of this subdomain.
     pub(crate) fn effect_lines(&self, number: usize) -> Vec<EffectLine<T>> {
         let name = |effect: &str| format!("{}/{effect}", self.model().name());
-        let of_model = self.model().effects().iter().map(|effect| {
+        let of_model = self.model().views().effects.iter().map(|effect| {
             let taken = self.evolved.filter(|e| e.effect == *effect);
             EffectLine {
                 name: name(effect),

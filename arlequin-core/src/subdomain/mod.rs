@@ -210,7 +210,8 @@ impl<T: Real> Subdomain<T> {
     /// Returns findings in the present state that need an effect, whether the effect is on or not.
     pub(crate) fn watch(&self) -> Vec<Finding> {
         self.model
-            .watching()
+            .views()
+            .watching
             .map_or_else(Vec::new, |m| m.watch(&self.state))
     }
 

@@ -48,13 +48,13 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
-use arlequin_core::geometry::Sample;
 use arlequin_core::ranks::{Communicator, Halo, Portion};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
+    Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Views, Watching, Weight, check_size,
+    spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -342,10 +342,6 @@ impl Model<f64> for DemModel {
         &self.nodes
     }
 
-    fn particles(&self) -> Option<&[Sample<f64>]> {
-        self.field.samples()
-    }
-
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let means = self.particle_means(weight)?;
@@ -421,10 +417,6 @@ impl Model<f64> for DemModel {
         self.fracture.is_some().then_some(self as _)
     }
 
-    fn watching(&self) -> Option<&dyn Watching<f64>> {
-        Some(self)
-    }
-
     /// Keeps the weights and resets the orientations to those at rest.
     fn partition_among(
         &mut self,
@@ -445,26 +437,22 @@ impl Model<f64> for DemModel {
         self.recall(from.clone())
     }
 
-    fn effects(&self) -> &[&'static str] {
-        // The active effects are a range of this list, because either end may be left out.
-        let names = &["fracture", "finite-rotations"];
-        &names[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
-    }
-
     fn facts(&self) -> Vec<(String, f64)> {
         self.fracture_facts()
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        Some(self)
-    }
-
-    fn links(&self) -> Option<&dyn Links<f64>> {
-        Some(self)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        (!self.has_finite_rotations() && self.halo.is_none()).then_some(self as _)
+    fn views(&self) -> Views<'_, f64> {
+        let turns = self.has_finite_rotations();
+        // The active effects are a range of this list, because either end may be left out.
+        let names = &["fracture", "finite-rotations"];
+        let mut views = Views::default();
+        views.effects = &names[usize::from(self.fracture.is_none())..1 + usize::from(turns)];
+        views.linear = (!turns && self.halo.is_none()).then_some(self as _);
+        views.particles = self.field.samples();
+        views.recovery = Some(self);
+        views.links = Some(self);
+        views.watching = Some(self);
+        views
     }
 }
 

@@ -299,7 +299,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     }
     let twice = threads::run(2, 1, WAIT, |c| {
         let mut m = part("box", &c);
-        assert!(m.as_linear().is_none());
+        assert!(m.views().linear.is_none());
         let far = m.nodes().len();
         let beyond = m.recover(&unknowns(&m, 1e-6), &[far], &mut Vec::new());
         let beyond = beyond.unwrap_err().to_string();

@@ -26,11 +26,11 @@ fn width(field: OutputField) -> usize {
 
 /// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
 pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
-    let nodes = s.model().recovery().map_or(0, |r| {
+    let nodes = s.model().views().recovery.map_or(0, |r| {
         let is_known = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
         s.model().nodes().len() * fields.iter().filter(is_known).map(|f| width(*f)).sum::<usize>()
     });
-    let bonds = s.model().links().map_or(0, |l| l.pairs().len());
+    let bonds = s.model().views().links.map_or(0, |l| l.pairs().len());
     let densities = match energy_from_bonds(fields, s) {
         true => s.model().nodes().len(),
         false => 0,
@@ -71,7 +71,7 @@ pub(super) fn recovered(
     piece: Option<&Piece>,
 ) -> Result<Vec<Array>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
-    let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
+    let Some(recovery) = s.model().views().recovery.filter(|_| wanted) else {
         return Ok(Vec::new());
     };
     let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
@@ -112,7 +112,7 @@ pub(super) fn recovered(
 /// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
 /// gradients in the cells.
 pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
-    fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
+    fields.contains(&OutputField::EnergyDensity) && s.model().views().links.is_some()
 }
 
 /// Unweighted strain energy density of the nodes of a model with bonds; see [`at_points`].
@@ -121,7 +121,7 @@ pub(super) fn energy_densities(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
 ) -> Result<Option<Array>> {
-    let links = s.model().links().filter(|_| energy_from_bonds(fields, s));
+    let links = s.model().views().links.filter(|_| energy_from_bonds(fields, s));
     let Some(links) = links else { return Ok(None) };
     let mut densities = Vec::with_capacity(s.model().nodes().len());
     let read = links.energy_densities(&s.state().q, &mut densities);
@@ -202,7 +202,7 @@ pub(super) fn bonds(
     let wanted = fields.contains(&OutputField::BondForces);
     // A rank of a partitioned model has only some of the bonds, so that the count does not tell.
     let whole = s.portion().is_none();
-    let links = s.model().links();
+    let links = s.model().views().links;
     let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));
     let Some(links) = links else { return Ok(Vec::new()) };
     let mut forces = Vec::with_capacity(cells);

@@ -105,7 +105,7 @@ impl Fragments {
         let mut bodies = Vec::new();
         for (number, (s, info)) in run.subdomains().iter().zip(models).enumerate() {
             let model = s.model();
-            let Some(breaks) = info.breaks.clone().filter(|_| model.links().is_some()) else {
+            let Some(breaks) = info.breaks.clone().filter(|_| model.views().links.is_some()) else {
                 continue;
             };
             let mut inertia = vec![0.0; model.layout().dofs()];
@@ -180,7 +180,7 @@ impl Fragments {
 pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<(usize, String, [f64; 3])> {
     let mut largest = None;
     for (s, log) in run.subdomains().iter().zip(breaks) {
-        let (Some(links), Some(log)) = (s.model().links(), log) else {
+        let (Some(links), Some(log)) = (s.model().views().links, log) else {
             continue;
         };
         let (log, layout, nodes) = (locked(log), s.model().layout(), s.model().nodes());

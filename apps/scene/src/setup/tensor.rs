@@ -92,7 +92,7 @@ impl TensorRow {
     ) -> Result<Self> {
         let body = &bodies[model];
         let name = body.model.name();
-        let Some(recovery) = body.model.recovery() else {
+        let Some(recovery) = body.model.views().recovery else {
             let rule = format!("model '{name}' of kind '{}' knows no stresses", body.model.kind());
             return Err(key(format!("{path}.quantity"), rule));
         };
@@ -183,7 +183,7 @@ impl TensorRow {
     /// partitioned models.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
-        let Some(recovery) = s.model().recovery() else {
+        let Some(recovery) = s.model().views().recovery else {
             return Ok(f64::NAN);
         };
         let tensors = match s.portion() {
