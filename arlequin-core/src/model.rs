@@ -8,7 +8,7 @@ use crate::ranks::{Communicator, Portion};
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
-use crate::{Error, Real, Result};
+use crate::{Error, Owned, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
@@ -252,11 +252,11 @@ pub trait Model<T: Real>: Send {
         })
     }
 
-    /// This rank's part, if the model is partitioned. Nodes, unknowns, weights and forces are then those of
-    /// the part; energies and the critical step are those of the whole model. Methods that every rank must
-    /// call together say so.
-    fn portion(&self) -> Option<&Portion> {
-        None
+    /// Nodes of the model that this rank owns. In a partitioned model they are a part of all nodes: nodes,
+    /// unknowns, weights and forces are then those of the part; energies and the critical step are those of
+    /// the whole model. Methods that every rank must call together say so.
+    fn owned(&self) -> Owned {
+        Owned::whole(self.layout().nodes)
     }
 
     /// Figures of the effects in the model, for reports: names (with units) and values.

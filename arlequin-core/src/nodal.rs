@@ -1,8 +1,8 @@
 //! Weights at the nodes, as in the literature; kept for comparison, for any linear model.
 
+use crate::Owned;
 use crate::model::{Arms, DofLayout, Model, Views};
 use crate::parallel;
-use crate::ranks::Portion;
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Uniform, Weight};
@@ -144,8 +144,8 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     // form of `M⁻¹ D K` in the metric of the weighted masses, which also bounds the model under constraints.
     // The spectrum of the model alone does not: equal weights of force and mass cancel in it.
 
-    fn portion(&self) -> Option<&Portion> {
-        self.model.portion()
+    fn owned(&self) -> Owned {
+        self.model.owned()
     }
     fn facts(&self) -> Vec<(String, f64)> {
         self.model.facts()

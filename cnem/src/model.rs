@@ -27,10 +27,10 @@ use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells,
 use crate::stress;
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
-use arlequin_core::ranks::{Communicator, Portion};
+use arlequin_core::ranks::Communicator;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
+    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Owned, Patches,
     Recovery, Shared, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
@@ -352,27 +352,26 @@ impl Model<f64> for CnemModel {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
             // The part still holds the ghost displacements received for the forces.
-            Some(part) => self.forces.energy(q, part.received(), Some(part.portion())),
-            None => self.forces.energy(q, q, None),
+            Some(part) => self.forces.energy(&part.owned(), q, part.received()),
+            None => self.forces.energy(&self.owned(), q, q),
         })
     }
 
     /// Returns `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let Some(part) = &self.part else {
-            return self.forces.energy(q, q, None);
+            return self.forces.energy(&self.owned(), q, q);
         };
         // The portion remembers a failed exchange, and its sums are then NaN.
         let x = part.receive(q).unwrap_or_else(|_| part.received().to_vec());
-        self.forces.energy(q, &x, Some(part.portion()))
+        self.forces.energy(&part.owned(), q, &x)
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
-        let portion = self.part.as_ref().map(|p| p.portion().clone());
-        let (layout, portion) = (self.layout(), portion.as_deref());
+        let (layout, owned) = (self.layout(), self.owned());
         let forces = &mut |q: &[f64], f: &mut [f64]| self.add_internal_forces(q, f);
-        spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
+        spectrum::critical_step_of_nodes(inverse_inertia, layout, &owned, forces)
     }
 
     fn partition_among(
@@ -382,8 +381,9 @@ impl Model<f64> for CnemModel {
         self.keep_part(communicator)
     }
 
-    fn portion(&self) -> Option<&Portion> {
-        self.part.as_ref().map(|p| &**p.portion())
+    fn owned(&self) -> Owned {
+        let nodes = self.nodes().len();
+        self.part.as_ref().map_or(Owned::whole(nodes), Part::owned)
     }
 
     fn views(&self) -> Views<'_, f64> {

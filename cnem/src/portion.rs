@@ -10,7 +10,7 @@ use crate::field::NaturalField;
 use crate::model::CnemModel;
 use crate::scni::MatrixFree;
 use arlequin_core::ranks::{Communicator, Halo, Message, Portion, Reach, Unit};
-use arlequin_core::{Error, Interpolation, Model, Result, ShapeRow, Shared, outside};
+use arlequin_core::{Error, Interpolation, Model, Owned, Result, ShapeRow, Shared, outside};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -73,7 +73,11 @@ impl Interpolation<f64> for PartField {
 }
 
 impl Part {
-    pub(crate) fn portion(&self) -> &Arc<Portion> {
+    pub(crate) fn owned(&self) -> Owned {
+        self.portion().into()
+    }
+
+    fn portion(&self) -> &Arc<Portion> {
         self.reach.halo().portion()
     }
 

@@ -12,7 +12,7 @@ use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, Unit};
-use arlequin_core::{Error, Model, Real, Result, Shared};
+use arlequin_core::{Error, Model, Owned, Real, Result, Shared};
 use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -45,12 +45,8 @@ pub(crate) struct Part<T: Real> {
 }
 
 impl<T: Real> Part<T> {
-    pub(crate) fn portion(&self) -> &Portion {
-        self.reach.halo().portion()
-    }
-
-    pub(crate) fn shared_portion(&self) -> Arc<Portion> {
-        self.reach.halo().portion().clone()
+    pub(crate) fn owned(&self) -> Owned {
+        self.reach.halo().portion().into()
     }
 
     /// Number of a mesh node among the owned nodes; `None` for a node of another rank.
@@ -132,7 +128,7 @@ impl<T: Real> Part<T> {
             named.dedup();
             links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
         }
-        let halo = Halo::of_links(self.shared_portion(), links.into_iter());
+        let halo = Halo::of_links(self.reach.halo().portion().clone(), links.into_iter());
         Reach::new(halo, |k| among(&self.numbers, k))
     }
 }

@@ -6,12 +6,13 @@
 //! symmetric form `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, and energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
+use crate::Exact;
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::interface::{Rows, add_at};
 use crate::linalg::SpdFactor;
 use crate::model::{Arms, DofLayout};
-use crate::ranks::{Exact, Gather, Message, Portion};
+use crate::ranks::{Gather, Message, Portion};
 use crate::scalar::dot;
 use crate::{Error, Real, Result, parallel};
 use nalgebra::Point3;
@@ -296,37 +297,32 @@ impl<T: Real> Absorber<T> {
     fn candidates(&self, host: &Host<'_, T>) -> Result<Vec<Place<T>>> {
         let d = host.model.layout().components;
         let nodes = host.model.nodes().iter().enumerate();
+        let owned = host.model.owned();
         let nodes = nodes.map(|(k, x)| Place {
-            node: host.portion.map_or(k, |p| p.global(k)),
+            node: owned.global(k),
             x: *x,
             mass: host.inertia[k * d],
         });
-        let Some(portion) = host.shared()? else {
+        if host.shared()?.is_none() {
             return Ok(nodes.collect());
-        };
+        }
         let mut row = ShapeRow::default();
-        let mut words = Vec::new();
+        let mut rows = Vec::new();
         for p in nodes {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
             // Points with other errors go to all ranks, so that all of them report the error in `attach`.
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
-                // The all-gather carries integers: send the numbers as their bits.
-                let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());
-                words.push(p.node as i64);
-                words.extend(numbers);
+                rows.push((p.node, [p.x.x, p.x.y, p.x.z, p.mass].map(T::as_f64)));
             }
         }
-        let mut words = portion.all_gather(&words)?;
-        let words = words.as_chunks_mut::<5>().0;
         // In the order of the model, so that the result does not depend on the partition.
-        words.sort_unstable_by_key(|w| w[0]);
-        let real = |w: i64| T::of(f64::from_bits(w.cast_unsigned()));
-        let place = |&[node, x, y, z, mass]: &[i64; 5]| Place {
-            node: node as usize,
-            x: Point3::new(real(x), real(y), real(z)),
-            mass: real(mass),
+        let rows = owned.all_gather_rows(rows)?.into_iter();
+        let place = |(node, numbers): (usize, [f64; 4])| {
+            let [x, y, z, mass] = numbers.map(T::of);
+            let x = Point3::new(x, y, z);
+            Place { node, x, mass }
         };
-        Ok(words.iter().map(place).collect())
+        Ok(rows.map(place).collect())
     }
 }
 

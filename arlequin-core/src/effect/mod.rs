@@ -23,11 +23,10 @@ pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
 pub use simple::*;
 
 use crate::model::{Arms, DofLayout, Model};
-use crate::ranks::{Exact, Portion};
+use crate::ranks::Portion;
 use crate::record::Record;
-use crate::subdomain::local;
 use crate::weight::Weights;
-use crate::{Real, Result};
+use crate::{Exact, Real, Result};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -55,7 +54,7 @@ impl<T: Real> Host<'_, T> {
     /// # Errors
     /// [`crate::Error::Unsupported`] for a model that was partitioned before the run received it.
     pub fn shared(&self) -> Result<Option<&Arc<Portion>>> {
-        if self.portion.is_none() && self.model.portion().is_some() {
+        if self.portion.is_none() && self.model.owned().is_part() {
             let what = "have an effect that hears of other ranks where it is in parts already; the run must share it out itself \
                         (Subdomain::shared)";
             return Err(crate::Error::Unsupported {
@@ -69,7 +68,7 @@ impl<T: Real> Host<'_, T> {
     /// Number of unknowns of the whole model.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        self.whole_layout().dofs()
+        self.model.owned().whole_layout(&self.model.layout()).dofs()
     }
 
     /// Local number of an unknown of the whole model; `None` if another rank owns it.
@@ -78,19 +77,7 @@ impl<T: Real> Host<'_, T> {
     /// For an unknown that the whole model does not have.
     #[must_use]
     pub fn unknown(&self, number: usize) -> Option<usize> {
-        match self.model.portion() {
-            Some(portion) => local(portion, &self.whole_layout(), number),
-            None => Some(number),
-        }
-    }
-
-    fn whole_layout(&self) -> DofLayout {
-        let layout = self.model.layout();
-        let nodes = self
-            .model
-            .portion()
-            .map_or(layout.nodes, |p| p.division().nodes());
-        DofLayout { nodes, ..layout }
+        self.model.owned().local_unknown(&self.model.layout(), number)
     }
 }
 

@@ -1,13 +1,8 @@
 //! This rank's part of a partitioned model, and collective operations over all ranks.
 
-use super::{Communicator, Division, Exact, RankError, Reduction, UNIT, Unit, WORDS, agree};
-use crate::scalar::dot;
-use crate::{DofLayout, Real, parallel};
-use std::ops::Range;
+use super::{Communicator, Division, RankError, Reduction, UNIT, Unit, agree};
+use crate::exact::{Exact, WORDS};
 use std::sync::{Arc, OnceLock};
-
-/// Partial sums per parallel task.
-const GRAIN: usize = 8;
 
 /// This rank's part of a partitioned model: the units that it owns. Their nodes keep the order of the model
 /// and have local numbers from zero.
@@ -192,111 +187,5 @@ impl Portion {
     #[must_use]
     pub fn failure(&self) -> Option<&RankError> {
         self.failure.get()
-    }
-}
-
-/// Sums over all nodes of a model; `part` sums over a range of this rank's nodes. The result has the same
-/// bits for any number of threads and ranks. NaN after a failure of the transport. Collective.
-pub fn sum<T: Real, const N: usize>(
-    nodes: usize,
-    portion: Option<&Portion>,
-    part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
-) -> [T; N] {
-    sum_over_ranks(portion, unit_sums(nodes, part, parallel::pays(nodes * N)))
-}
-
-/// Adds `Σ x y` over displacements and rotations of this rank's nodes, one term per unit.
-///
-/// ```
-/// use arlequin_core::DofLayout;
-/// use arlequin_core::ranks::{Exact, add_products};
-/// let layout = DofLayout { nodes: 2, components: 1, rotations: 0 };
-/// let mut sum = Exact::zero();
-/// add_products(&layout, &[1.0, 2.0], &[3.0, 4.0], &mut sum);
-/// assert_eq!(sum.value(), 11.0);
-/// ```
-pub fn add_products<T: Real>(layout: &DofLayout, x: &[T], y: &[T], total: &mut Exact) {
-    let (d, r, first) = (layout.components, layout.rotations, layout.translations());
-    let part = |n: Range<usize>| {
-        let moving = d * n.start..d * n.end;
-        let turning = first + r * n.start..first + r * n.end;
-        [dot(&x[moving.clone()], &y[moving]) + dot(&x[turning.clone()], &y[turning])]
-    };
-    let [sum] = unit_sums(layout.nodes, &part, parallel::pays(x.len()));
-    *total += sum;
-}
-
-/// Sums over the units of `nodes` nodes.
-fn unit_sums<T: Real, const N: usize>(
-    nodes: usize,
-    part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
-    parallel: bool,
-) -> [Exact; N] {
-    let sum_of_unit = |u: usize| part(u * UNIT..nodes.min((u + 1) * UNIT));
-    exact_sums(0..nodes.div_ceil(UNIT), &sum_of_unit, parallel)
-}
-
-/// Sums over a range of partial sums, exactly, so that their order does not matter.
-pub(super) fn exact_sums<T: Real, const N: usize>(
-    range: Range<usize>,
-    of: &(dyn Fn(usize) -> [T; N] + Sync),
-    parallel: bool,
-) -> [Exact; N] {
-    if parallel && range.len() > GRAIN {
-        let middle = range.start + range.len() / 2;
-        let (mut a, b) = rayon::join(
-            || exact_sums(range.start..middle, of, true),
-            || exact_sums(middle..range.end, of, true),
-        );
-        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-        return a;
-    }
-    let mut out = [Exact::zero(); N];
-    for piece in range {
-        let sums = out.iter_mut().zip(of(piece));
-        sums.for_each(|(sum, x)| sum.add(x.as_f64()));
-    }
-    out
-}
-
-/// Returns the global sums of all ranks' partial sums, or `local_sums` for a model that is not partitioned.
-pub(super) fn sum_over_ranks<T: Real, const N: usize>(
-    portion: Option<&Portion>,
-    local_sums: [Exact; N],
-) -> [T; N] {
-    let total = match portion {
-        Some(p) => p.total(local_sums),
-        None => local_sums.map(Exact::value),
-    };
-    total.map(T::of)
-}
-
-/// Returns the largest of the ranks' numbers, which must not be negative.
-pub(crate) fn largest<T: Real>(portion: Option<&Portion>, value: T) -> T {
-    portion.map_or(value, |p| T::of(p.largest(value.as_f64())))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::sum;
-
-    #[test]
-    fn sums_over_units_have_the_same_bits_on_any_number_of_threads() {
-        let x: Vec<f64> = (0..100_003).map(|i| (f64::from(i) * 0.37).sin()).collect();
-        let sums_on = |threads: usize| -> [f64; 2] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let part = |r: std::ops::Range<usize>| [x[r.clone()].iter().sum(), r.len() as f64];
-            pool.map_or([f64::NAN; 2], |p| p.install(|| sum(x.len(), None, &part)))
-        };
-        let reference = sums_on(1);
-        assert!((reference[0] - x.iter().sum::<f64>()).abs() < 1e-10);
-        assert_eq!(reference[1].to_bits(), 100_003_f64.to_bits());
-        for threads in [2, 3] {
-            assert_eq!(
-                reference.map(f64::to_bits),
-                sums_on(threads).map(f64::to_bits),
-                "{threads} threads"
-            );
-        }
     }
 }

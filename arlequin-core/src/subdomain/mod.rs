@@ -21,18 +21,17 @@ pub use motion::PrescribedMotion;
 pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
-pub(crate) use share::local;
 pub(crate) use step::{Announce, StepEnd};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::{Communicator, Exact, Portion};
+use crate::ranks::{Communicator, Portion};
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
-use crate::{Error, NodallyWeighted, Real, Result};
+use crate::{Error, Exact, NodallyWeighted, Owned, Real, Result};
 use account::{Energies, Evolved};
 use average::Average;
 use external::External;
@@ -219,9 +218,9 @@ impl<T: Real> Subdomain<T> {
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
     }
-    /// This rank's part of the model, if the model is partitioned.
-    pub fn portion(&self) -> Option<&Portion> {
-        self.model.portion()
+    /// Nodes of the model that this rank owns.
+    pub fn owned(&self) -> Owned {
+        self.model.owned()
     }
     /// The displacement field that interfaces and probes see.
     pub fn field(&self) -> &Arc<dyn Interpolation<T>> {

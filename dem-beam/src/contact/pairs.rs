@@ -85,7 +85,7 @@ pub(super) struct PartitionedPairs {
 impl PartitionedPairs {
     /// This rank's part of the list of a whole body before its first step. The largest particle of the body
     /// has the radius `largest` \[m\].
-    pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
+    pub(super) fn new(whole: &PairList, portion: &Arc<Portion>, largest: f64) -> Self {
         let bond_rows = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
         Self {
             portion: portion.clone(),

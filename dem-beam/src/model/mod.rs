@@ -48,13 +48,13 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
-use arlequin_core::ranks::{Communicator, Halo, Portion};
+use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Views, Watching, Weight, check_size,
-    spectrum,
+    Model, Owned, ParticleField, Recovery, Shared, State, Stepping, Stride, Views, Watching, Weight,
+    check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -401,9 +401,8 @@ impl Model<f64> for DemModel {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
-        let (layout, halo) = (self.layout(), self.halo.clone());
-        let portion = halo.as_ref().map(|h| &**h.portion());
-        let space = (&root[..], layout, portion);
+        let (layout, halo, owned) = (self.layout(), self.halo.clone(), self.owned());
+        let space = (&root[..], layout, &owned);
         // A separate kernel of the linear law leaves the reached orientations alone.
         let top = if self.has_finite_rotations() {
             critical::largest(space, &mut Gather::<Linear>::with_halo(&self.body, halo.clone()))
@@ -425,8 +424,9 @@ impl Model<f64> for DemModel {
         self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 
-    fn portion(&self) -> Option<&Portion> {
-        self.halo.as_ref().map(|h| &**h.portion())
+    fn owned(&self) -> Owned {
+        let whole = || Owned::whole(self.nodes.len());
+        self.halo.as_ref().map_or_else(whole, |h| h.portion().into())
     }
 
     fn save(&self) -> Record<f64> {

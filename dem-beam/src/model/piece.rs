@@ -15,7 +15,7 @@ use crate::numbered::Numbered;
 use crate::particles::{BondedParticles, Contents, Extents, check_spheres, expect_len, longest};
 use arlequin_core::ParticleField;
 use arlequin_core::ranks::{
-    self, Communicator, Division, Exact, Halo, Message, Portion, RankError, Reduction, UNIT,
+    self, Communicator, Division, Halo, Message, Portion, RankError, Reduction, UNIT,
 };
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::kernel::layout::work;
 use crate::numbered::Numbered;
 use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
-use arlequin_core::{ParticleField, Shared};
+use arlequin_core::{Model, ParticleField, Shared};
 use nalgebra::Vector3;
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
@@ -176,10 +176,9 @@ impl DemModel {
             let bonds = self.unit_bonds[particles.start / UNIT].clone();
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
-        let portion = self.halo.as_ref().map(|h| &**h.portion());
         // Sums of units do not depend on the partition, so the energy has the same bits on any number of
         // ranks.
-        let [sum] = ranks::sum(self.nodes.len(), portion, &part);
+        let [sum] = self.owned().sum(&part);
         sum
     }
 

@@ -6,9 +6,10 @@ use super::poses::Reader;
 use crate::contact::neighbours;
 use crate::fracture::{BreakLog, locked};
 use crate::packing::cells::{Sphere, spheres};
+use arlequin_core::Exact;
 use arlequin_core::Model;
 use arlequin_core::effect::Finding;
-use arlequin_core::ranks::{Exact, Halo, RankError};
+use arlequin_core::ranks::{Halo, RankError};
 
 /// Largest rotation \[rad\] for which the small-rotation law errs by at most half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
@@ -32,14 +33,11 @@ impl DemModel {
     /// Returns the global sum of `count` and the global maximum of `top`, which must not be negative.
     /// Collective.
     fn on_all_ranks(&self, count: usize, top: f64) -> (usize, f64) {
-        let Some(portion) = self.portion() else {
-            return (count, top);
-        };
+        let owned = self.owned();
         let mut sum = Exact::zero();
         sum.add(count as f64);
-        let [count] = portion.total([sum]);
-        // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
-        (count as usize, portion.largest(top))
+        let [count] = owned.total([sum]);
+        (count as usize, owned.largest(top))
     }
 
     fn large_rotation(&self, q: &[f64]) -> Option<Finding> {

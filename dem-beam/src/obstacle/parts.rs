@@ -5,6 +5,7 @@ use super::near::{Near, place};
 use super::{Active, Body, allowed};
 use crate::contact::gathered::Gathered;
 use crate::contact::{Grains, Spring};
+use arlequin_core::Owned;
 use arlequin_core::effect::{Host, Instant};
 use arlequin_core::ranks::{Portion, RankError};
 use std::borrow::Cow;
@@ -14,17 +15,10 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub(super) struct PartitionState {
     portion: Arc<Portion>,
-    pub(super) grains: Grains,
+    grains: Grains,
     allowed: Vec<f64>,
     near: Near,
-    pub(super) gathered: Gathered,
-}
-
-impl PartitionState {
-    /// This rank's part of the partitioned body.
-    pub(super) fn portion(&self) -> &Portion {
-        &self.portion
-    }
+    gathered: Gathered,
 }
 
 impl Body {
@@ -36,7 +30,7 @@ impl Body {
         effect: &str,
     ) -> arlequin_core::Result<()> {
         let mut grains = std::mem::replace(&mut self.grains, Grains::from_contact_data(&[]));
-        grains.restrict(portion, effect)?;
+        grains.restrict(&portion.into(), effect)?;
         grains.attach(host, effect)?;
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
         self.partition = Some(PartitionState {
@@ -110,10 +104,12 @@ impl Body {
         contacts.filter_map(move |a| Some((local(a.particle as usize)?, a)))
     }
 
-    /// Number of particles of the whole body.
-    pub(super) fn all_particles(&self) -> usize {
-        let partition = self.partition.as_ref();
-        partition.map_or(self.springs.len(), |c| c.portion.division().nodes())
+    /// The particles that this rank owns, all of them or a part.
+    pub(super) fn owned(&self) -> (Owned, &Grains) {
+        match &self.partition {
+            Some(partition) => ((&partition.portion).into(), &partition.grains),
+            None => (Owned::whole(self.grains.len()), &self.grains),
+        }
     }
 
     /// Springs of all particles of the whole body.
@@ -121,7 +117,7 @@ impl Body {
         let Some(partition) = &self.partition else {
             return Cow::from(&self.springs);
         };
-        let mut out = vec![Spring::default(); self.all_particles()];
+        let mut out = vec![Spring::default(); self.owned().0.nodes_of_whole()];
         for (id, spring) in partition.gathered.ids.iter().zip(&self.springs) {
             out[*id as usize] = *spring;
         }

@@ -266,11 +266,7 @@ impl Watch {
         let mut displaced = Vec::new();
         for m in &models {
             let s = &run.subdomains()[*m];
-            let q = &s.state().q;
-            displaced.push(match s.portion() {
-                None => Some(Cow::from(q)),
-                Some(_) => s.in_all(q).map_err(core("time"))?.map(Cow::from),
-            });
+            displaced.push(s.gather(&s.state().q).map_err(core("time"))?);
         }
         for m in &models {
             if !self.members[*m].as_mut().is_some_and(Member::begin) {
@@ -419,10 +415,9 @@ impl Member {
             square = square.max(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         }
         self.speed = square.sqrt();
-        if let Some(p) = s.portion() {
-            (0..3).for_each(|c| (low[c], high[c]) = (-p.highest(-low[c]), p.highest(high[c])));
-            self.speed = p.largest(self.speed);
-        }
+        let owned = s.owned();
+        (0..3).for_each(|c| (low[c], high[c]) = (-owned.highest(-low[c]), owned.highest(high[c])));
+        self.speed = owned.largest(self.speed);
         let reach = Vector3::repeat(self.radius);
         self.bounds = [(low - reach).into(), (high + reach).into()];
     }

@@ -2,7 +2,6 @@
 
 use super::put;
 use crate::error::{Result, core};
-use crate::ranks::elsewhere;
 use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::{Coupled, Subdomain, Uniform};
@@ -53,10 +52,7 @@ fn gather_on_first<'a>(
     components: usize,
     x: &'a [f64],
 ) -> Result<Option<Cow<'a, [f64]>>> {
-    match s.portion() {
-        None => Ok(Some(x.into())),
-        Some(p) => Ok(p.collect(components, x).map_err(elsewhere)?.map(Cow::from)),
-    }
+    s.owned().gather(components, x).map_err(core("ranks"))
 }
 
 /// The fragments of all models whose bonds can break.

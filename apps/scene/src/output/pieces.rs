@@ -5,6 +5,7 @@ use crate::cells::{self, Cell};
 use crate::error::Result;
 use crate::ranks::elsewhere;
 use crate::setup::{Grid, ModelInfo};
+use arlequin::core::Subdomain;
 use arlequin::core::ranks::{Message, Portion};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,12 +32,16 @@ pub(super) struct Piece {
     /// bonds cannot break.
     pub(super) bonds: Vec<[u32; 2]>,
     peers: BTreeMap<usize, Peer>,
+    portion: Arc<Portion>,
 }
 
 impl Piece {
     /// Restricts the grid of `info` to the points and cells that this rank shows, and computes the gradients
-    /// in the cells if `gradients` is set. Collective.
-    pub(super) fn cut(info: &mut ModelInfo, portion: &Portion, gradients: bool) -> Result<Self> {
+    /// in the cells if `gradients` is set. `None` for a model that is not partitioned. Collective.
+    pub(super) fn cut(info: &mut ModelInfo, s: &Subdomain<f64>, gradients: bool) -> Result<Option<Self>> {
+        let Some(portion) = s.owned().portion().cloned() else {
+            return Ok(None);
+        };
         let (division, this_rank) = (portion.division(), portion.communicator().rank());
         let owner = |node: u32| division.owner(node as usize);
         let whole = info.grid.clone();
@@ -89,24 +94,20 @@ impl Piece {
             let ends = numbered.flat_map(|(b, ends): (u32, _)| ends.iter().map(move |i| (*i as usize, b)));
             bonds.extend(ends.filter_map(|(i, b)| Some([portion.local(i)? as u32, b])));
         }
-        Ok(Self {
+        Ok(Some(Self {
             owned,
             cells,
             centres,
             bonds,
-            peers: agree_peers(portion, &ghosts)?,
+            peers: agree_peers(&portion, &ghosts)?,
             points,
-        })
+            portion,
+        }))
     }
 
     /// Gathers values with `components` numbers per point: `owned_values` of the owned points, then those of
     /// the ghosts from other ranks. Collective.
-    pub(super) fn with_ghosts(
-        &self,
-        portion: &Portion,
-        components: usize,
-        owned_values: &[f64],
-    ) -> Result<Vec<f64>> {
+    pub(super) fn with_ghosts(&self, components: usize, owned_values: &[f64]) -> Result<Vec<f64>> {
         let values_of = |k: &u32| {
             owned_values[components * *k as usize..]
                 .iter()
@@ -119,7 +120,7 @@ impl Piece {
             into: vec![0.0; components * p.receive],
         };
         let mut messages: Vec<Message> = self.peers.iter().map(message).collect();
-        let exchanged = portion.communicator().exchange(&mut messages);
+        let exchanged = self.portion.communicator().exchange(&mut messages);
         exchanged.map_err(elsewhere)?;
         // `peers` is sorted by rank, and so are the ghosts.
         let ghosts = messages.iter().flat_map(|m| &m.into);

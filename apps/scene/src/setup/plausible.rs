@@ -6,8 +6,7 @@ use crate::spec::{
     TimeShape,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::ranks::Portion;
-use arlequin::core::{Coupled, Elastic, OwnStep, ShapeRow, Subdomain, advice};
+use arlequin::core::{Coupled, Elastic, OwnStep, Owned, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
 
 /// Number of steps above which a run is probably a mistake.
@@ -459,7 +458,7 @@ impl Bounds {
             let moving = 0..layout.translations();
             let top = |m: f64, x: &f64| m.max(x.abs());
             let local_top = s.state().v[moving.clone()].iter().fold(0.0, top);
-            let speed = s.portion().map_or(local_top, |p| p.largest(local_top));
+            let speed = s.owned().largest(local_top);
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
@@ -468,7 +467,7 @@ impl Bounds {
                     b.wave
                 ));
             }
-            let stretch = stretch(s.portion(), &s.state().q[moving], layout.components);
+            let stretch = stretch(&s.owned(), &s.state().q[moving], layout.components);
             if b.small && stretch > b.extent {
                 out.push(format!(
                     "model '{name}': its displacements differ by {stretch:.3e} m at t = {:.3e} s, more than its size of \
@@ -483,15 +482,14 @@ impl Bounds {
 }
 
 /// Largest difference of one displacement component between two nodes \[m\]. Collective.
-fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
+fn stretch(owned: &Owned, q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
         let values = q.iter().skip(c).step_by(components).copied();
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });
-        let highest = |value: f64| portion.map_or(value, |p| p.highest(value));
         // Both as maxima, for which ranks have an all-reduce.
-        highest(high) + highest(-low)
+        owned.highest(high) + owned.highest(-low)
     };
     (0..components).map(span).fold(0.0, f64::max)
 }

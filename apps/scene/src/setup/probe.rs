@@ -110,7 +110,8 @@ impl ProbeReader {
             return;
         };
         let s = &run.subdomains()[row.model];
-        let Some(portion) = s.shared_portion().filter(|_| row.parts.is_none()) else {
+        let owned = s.owned();
+        let Some(portion) = owned.portion().filter(|_| row.parts.is_none()) else {
             return;
         };
         let components = s.model().layout().components;

@@ -21,7 +21,7 @@ const LOWEST: i32 = -1074;
 /// Exact sum of numbers.
 ///
 /// ```
-/// use arlequin_core::ranks::Exact;
+/// use arlequin_core::Exact;
 /// let mut sum = Exact::zero();
 /// [1e100, 1.0, -1e100].into_iter().for_each(|x| sum.add(x));
 /// assert_eq!(sum.value().to_bits(), 1.0_f64.to_bits());
