@@ -10,7 +10,7 @@ use std::ops::AddAssign;
 const DIGITS: usize = 66;
 
 /// Number of words to send: the digits, and the count of terms that were not finite.
-pub const WORDS: usize = DIGITS + 1;
+pub(crate) const WORDS: usize = DIGITS + 1;
 
 /// Number of terms after which carries are propagated, long before 64 bits overflow.
 const OFTEN: u32 = 1 << 20;

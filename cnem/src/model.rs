@@ -30,8 +30,8 @@ use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Owned, Patches,
-    Recovery, Shared, Views, Weight, advice, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches, Shared,
+    Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;

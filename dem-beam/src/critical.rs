@@ -68,7 +68,7 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_from_eigenvalue(largest((&root, layout, None), &mut bonds)?)
+    step_from_eigenvalue(largest((&root, layout, &Owned::whole(body.len())), &mut bonds)?)
 }
 
 /// Returns an upper estimate of the largest eigenvalue of `R K R`, with `R = diag(root)` and the stiffness

@@ -14,8 +14,8 @@ use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
-    Owned, Patches, Real, Recovery, Shared, Views, Weight, advice, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Owned, Patches,
+    Real, Shared, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;

@@ -1,10 +1,9 @@
 //! Ledger of a subdomain: works of its effects, energies, the discrete invariant.
 
 use super::{Stepper, Subdomain};
-use crate::Exact;
 use crate::effect::EffectLine;
 use crate::phase::Phase;
-use crate::{Real, parallel, ranks};
+use crate::{Exact, Real, parallel};
 use nalgebra::Vector3;
 use std::ops::Range;
 

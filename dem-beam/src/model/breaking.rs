@@ -8,8 +8,8 @@ use crate::fracture::parts::Parts;
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
-use arlequin_core::Evolution;
 use arlequin_core::snapshot::Record;
+use arlequin_core::{Evolution, Model};
 
 impl DemModel {
     /// Lets the bonds of the body break.

@@ -52,9 +52,8 @@ use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, Owned, ParticleField, Recovery, Shared, State, Stepping, Stride, Views, Watching, Weight,
-    check_size, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
+    Owned, ParticleField, Shared, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;

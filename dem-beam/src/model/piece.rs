@@ -13,10 +13,10 @@ use crate::error::{Error, Result, positive};
 use crate::fracture::SharedLog;
 use crate::numbered::Numbered;
 use crate::particles::{BondedParticles, Contents, Extents, check_spheres, expect_len, longest};
-use arlequin_core::ParticleField;
 use arlequin_core::ranks::{
     self, Communicator, Division, Halo, Message, Portion, RankError, Reduction, UNIT,
 };
+use arlequin_core::{Exact, ParticleField};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};

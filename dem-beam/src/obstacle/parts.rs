@@ -18,7 +18,7 @@ pub(super) struct PartitionState {
     grains: Grains,
     allowed: Vec<f64>,
     near: Near,
-    gathered: Gathered,
+    pub(super) gathered: Gathered,
 }
 
 impl Body {

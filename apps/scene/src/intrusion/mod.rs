@@ -22,7 +22,6 @@ use crate::spec::{Effect, EffectKind, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::RigidShape;
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use surface::{Depth, Shell};
