@@ -165,8 +165,8 @@ impl<T: Real> BlockMatrix<T> {
         self.energy_over_ranks(&Owned::whole(q.len() / self.size), q, q)
     }
 
-    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of the owned rows, `q` all
-    /// unknowns that these rows read. Collective.
+    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of the owned rows, `q`
+    /// all unknowns that these rows read. Collective.
     pub fn energy_over_ranks(&self, owned: &Owned, local: &[T], q: &[T]) -> T {
         let sum = match self.size {
             1 => self.energy_in_blocks::<1>(owned, local.as_chunks().0, q.as_chunks().0),

@@ -153,10 +153,10 @@ impl<T: Real> EnergyRelease<T> {
     /// energy.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model without [`Views::gradients`](crate::Views::gradients); [`Error::InvalidParameter`] for
-    /// radii, a front or a direction that make no sense, a front without material ahead or without a surface
-    /// around it, surfaces or borders of materials across the ring, and a domain in which the weight is not
-    /// one.
+    /// [`Error::Unsupported`] for a model without [`crate::Views::gradients`];
+    /// [`Error::InvalidParameter`] for radii, a front or a direction that make no sense, a front without
+    /// material ahead or without a surface around it, surfaces or borders of materials across the ring, and
+    /// a domain in which the weight is not one.
     pub fn new(
         model: &dyn Model<T>,
         field: &dyn Interpolation<T>,

@@ -4,7 +4,7 @@ use crate::energy_release::Gradients;
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
-use crate::ranks::{Communicator, Portion};
+use crate::ranks::Communicator;
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
@@ -12,23 +12,6 @@ use crate::{Error, Owned, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
-
-/// This rank's part of a partitioned model.
-#[derive(Clone)]
-pub struct Shared<T: Real> {
-    /// Nodes of the part, and the exchange with other ranks.
-    pub portion: Arc<Portion>,
-    /// Displacement field on the nodes of the part.
-    pub field: Arc<dyn Interpolation<T>>,
-}
-
-impl<T: Real> std::fmt::Debug for Shared<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shared")
-            .field("portion", &self.portion)
-            .finish_non_exhaustive()
-    }
-}
 
 /// Arrangement of the unknowns: `components` displacements of every node (`x0 y0 z0 x1 …`), then `rotations`
 /// of every node in the same order. The coupling never touches rotations.
@@ -236,13 +219,14 @@ pub trait Model<T: Real>: Send {
         Views::default()
     }
 
-    /// Restricts the model to the part that the rank of `communicator` owns. The run calls it before the
-    /// first step and after the weights are set; until then the model is the same on every rank. Collective.
+    /// Restricts the model to the part that the rank of `communicator` owns, and returns the displacement
+    /// field on the nodes of the part. The run calls it before the first step and after the weights are set; until
+    /// then the model is the same on every rank. Collective.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model that cannot be partitioned, which is the default; errors of the
     /// transport.
-    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Arc<dyn Interpolation<T>>> {
         let ranks = communicator.ranks();
         Err(Error::Unsupported {
             model: self.name().to_owned(),

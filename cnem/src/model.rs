@@ -30,8 +30,8 @@ use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches, Shared,
-    Views, Weight, advice, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches, Views,
+    Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -352,7 +352,7 @@ impl Model<f64> for CnemModel {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
             // The part still holds the ghost displacements received for the forces.
-            Some(part) => self.forces.energy(&part.owned(), q, part.received()),
+            Some(part) => self.forces.energy(part.owned(), q, part.received()),
             None => self.forces.energy(&self.owned(), q, q),
         })
     }
@@ -362,9 +362,9 @@ impl Model<f64> for CnemModel {
         let Some(part) = &self.part else {
             return self.forces.energy(&self.owned(), q, q);
         };
-        // The portion remembers a failed exchange, and its sums are then NaN.
+        // After a failure of the exchange, sums over ranks are NaN.
         let x = part.receive(q).unwrap_or_else(|_| part.received().to_vec());
-        self.forces.energy(&part.owned(), q, &x)
+        self.forces.energy(part.owned(), q, &x)
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
@@ -377,13 +377,16 @@ impl Model<f64> for CnemModel {
     fn partition_among(
         &mut self,
         communicator: &Arc<dyn Communicator>,
-    ) -> arlequin_core::Result<Shared<f64>> {
-        self.keep_part(communicator)
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<f64>>> {
+        self.keep_part(communicator)?;
+        Ok(self.coupling_field())
     }
 
     fn owned(&self) -> Owned {
         let nodes = self.nodes().len();
-        self.part.as_ref().map_or(Owned::whole(nodes), Part::owned)
+        self.part
+            .as_ref()
+            .map_or(Owned::whole(nodes), |p| p.owned().clone())
     }
 
     fn views(&self) -> Views<'_, f64> {

@@ -15,7 +15,7 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
     CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Owned, Patches,
-    Real, Shared, Views, Weight, advice, check_size, spectrum,
+    Real, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -252,7 +252,7 @@ impl<T: Real> Model<T> for FemModel<T> {
             // The forces have just received the displacements of ghosts.
             Some(part) => self
                 .stiffness
-                .energy_over_ranks(&part.owned(), q, part.displacements()),
+                .energy_over_ranks(part.owned(), q, part.displacements()),
             None => self.stiffness.energy(q),
         })
     }
@@ -262,9 +262,9 @@ impl<T: Real> Model<T> for FemModel<T> {
         let Some(part) = &self.part else {
             return self.stiffness.energy(q);
         };
-        // The portion keeps the failure, and its sums are then NaN.
+        // After a failure of the exchange, sums over ranks are NaN.
         let x = part.receive(q).unwrap_or_else(|_| part.displacements().to_vec());
-        self.stiffness.energy_over_ranks(&part.owned(), q, &x)
+        self.stiffness.energy_over_ranks(part.owned(), q, &x)
     }
 
     fn critical_step(&mut self, inverse_inertia: &[T]) -> arlequin_core::Result<T> {
@@ -274,13 +274,19 @@ impl<T: Real> Model<T> for FemModel<T> {
         spectrum::critical_step_of_nodes(inverse_inertia, layout, &owned, forces)
     }
 
-    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<T>> {
-        self.keep_part(communicator)
+    fn partition_among(
+        &mut self,
+        communicator: &Arc<dyn Communicator>,
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<T>>> {
+        self.keep_part(communicator)?;
+        Ok(self.field())
     }
 
     fn owned(&self) -> Owned {
         let nodes = self.nodes().len();
-        self.part.as_ref().map_or(Owned::whole(nodes), Part::owned)
+        self.part
+            .as_ref()
+            .map_or(Owned::whole(nodes), |p| p.owned().clone())
     }
 
     fn views(&self) -> Views<'_, T> {

@@ -6,15 +6,14 @@
 //! symmetric form `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, and energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
-use crate::Exact;
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::interface::{Rows, add_at};
 use crate::linalg::SpdFactor;
 use crate::model::{Arms, DofLayout};
-use crate::ranks::{Gather, Message, Portion};
+use crate::ranks::{Gather, Message};
 use crate::scalar::dot;
-use crate::{Error, Real, Result, parallel};
+use crate::{Error, Exact, Owned, Real, Result, parallel};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
@@ -131,8 +130,8 @@ impl<T: Real> AttachedAbsorber<T> {
     }
 
     /// Sets up the exchange of velocities with other ranks. `nodes` are numbers in the whole model.
-    fn with_exchange(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
-        let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
+    fn with_exchange(mut self, owned: &Owned, nodes: &[usize]) -> Self {
+        let gather = Gather::new(owned, 1, nodes.iter().copied());
         self.local_nodes = gather.own().to_vec();
         self.nodes = (0..nodes.len() as u32).collect();
         self.exchange = Some(VelocityExchange {
@@ -273,9 +272,10 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             let rule = "the resolved space must be coarser than the model";
             invalid("absorber", counts, rule)
         })?;
-        Ok(Box::new(match host.shared()? {
-            Some(portion) => absorber.with_exchange(portion, &nodes),
-            None => absorber,
+        let owned = host.owned()?;
+        Ok(Box::new(match owned.is_part() {
+            true => absorber.with_exchange(&owned, &nodes),
+            false => absorber,
         }))
     }
 }
@@ -297,13 +297,13 @@ impl<T: Real> Absorber<T> {
     fn candidates(&self, host: &Host<'_, T>) -> Result<Vec<Place<T>>> {
         let d = host.model.layout().components;
         let nodes = host.model.nodes().iter().enumerate();
-        let owned = host.model.owned();
+        let owned = host.owned()?;
         let nodes = nodes.map(|(k, x)| Place {
             node: owned.global(k),
             x: *x,
             mass: host.inertia[k * d],
         });
-        if host.shared()?.is_none() {
+        if !owned.is_part() {
             return Ok(nodes.collect());
         }
         let mut row = ShapeRow::default();

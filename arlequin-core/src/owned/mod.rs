@@ -7,8 +7,9 @@ mod sums;
 pub(crate) use cuts::Cuts;
 pub use sums::add_products;
 
-use crate::ranks::{Portion, agree};
-use crate::{DofLayout, Exact, Real, Result, parallel};
+use crate::exact::{Exact, WORDS};
+use crate::ranks::{Communicator, Division, Portion, Reduction, Unit, agree};
+use crate::{DofLayout, Real, Result, parallel};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
@@ -45,6 +46,32 @@ impl Owned {
     #[must_use]
     pub fn whole(nodes: usize) -> Self {
         Self { nodes, portion: None }
+    }
+
+    /// Returns the nodes of a partitioned model that the rank of `communicator` owns.
+    ///
+    /// # Errors
+    /// [`crate::ranks::RankError::Length`] for a division among another number of ranks.
+    pub fn divided(division: Division, communicator: Arc<dyn Communicator>) -> Result<Self> {
+        Ok((&Arc::new(Portion::new(division, communicator)?)).into())
+    }
+
+    /// Partitions a model by the work of its `units` and returns the nodes that this rank owns. `digest`:
+    /// digest of `what` all ranks must have alike. Collective.
+    ///
+    /// # Errors
+    /// [`crate::ranks::RankError::Differ`] if digests differ; errors of [`Division::bisect`].
+    pub fn bisected(
+        communicator: &Arc<dyn Communicator>,
+        (what, digest): (&str, u64),
+        nodes: usize,
+        units: &[Unit],
+    ) -> Result<Self> {
+        agree(&**communicator, what, digest)?;
+        Self::divided(
+            Division::bisect(nodes, units, communicator.ranks())?,
+            communicator.clone(),
+        )
     }
 
     /// Returns whether the model is partitioned.
@@ -184,9 +211,35 @@ impl Owned {
     /// # Errors
     /// Errors of the transport.
     pub fn all_gather(&self, list: Vec<i64>) -> Result<Vec<i64>> {
+        let Some(portion) = &self.portion else {
+            return Ok(list);
+        };
+        let communicator = portion.communicator();
+        let (rank, ranks) = (communicator.rank(), communicator.ranks());
+        let mut counts = vec![0; ranks];
+        counts[rank] = list.len() as i64;
+        portion.keep(communicator.reduce(&mut counts, Reduction::Sum))?;
+        // An all-gather by all-reduce: each rank adds its words where all others add zeros.
+        let before: i64 = counts[..rank].iter().sum();
+        let total: i64 = counts.iter().sum();
+        if total == 0 {
+            return Ok(Vec::new());
+        }
+        let mut words = vec![0; total as usize];
+        words[before as usize..][..list.len()].copy_from_slice(&list);
+        portion.keep(communicator.reduce(&mut words, Reduction::Sum))?;
+        Ok(words)
+    }
+
+    /// Returns the lists of all ranks like [`Self::all_gather`], on rank 0 only (`None` elsewhere).
+    /// Collective.
+    ///
+    /// # Errors
+    /// Errors of the transport.
+    pub fn gather_lists(&self, list: Vec<f64>) -> Result<Option<Vec<f64>>> {
         match &self.portion {
-            Some(p) => Ok(p.all_gather(&list)?),
-            None => Ok(list),
+            Some(p) => Ok(p.gather_lists(&list)?),
+            None => Ok(Some(list)),
         }
     }
 
@@ -226,31 +279,53 @@ impl Owned {
 
     /// Returns the sums over all ranks (all-reduce). NaN after a failure of the transport. Collective.
     pub fn total<const N: usize>(&self, sums: [Exact; N]) -> [f64; N] {
-        match &self.portion {
-            Some(p) => p.total(sums),
-            None => sums.map(Exact::value),
+        let Some(portion) = &self.portion else {
+            return sums.map(Exact::value);
+        };
+        let mut words = [[0; WORDS]; N];
+        words.iter_mut().zip(sums).for_each(|(w, e)| *w = e.words());
+        if !portion.reduce(words.as_flattened_mut(), Reduction::Sum) {
+            return [f64::NAN; N];
         }
+        words.map(|w| Exact::from_words(w).value())
     }
 
     /// Replaces each entry by its sum over all ranks, in one all-reduce. NaN as in [`Self::total`].
     /// Collective.
     pub fn all_reduce(&self, sums: &mut [Exact]) {
-        if let Some(p) = &self.portion {
-            p.all_reduce(sums);
+        let Some(portion) = &self.portion else { return };
+        let mut words: Vec<_> = sums.iter().map(|e| e.words()).collect();
+        let works = portion.reduce(words.as_flattened_mut(), Reduction::Sum);
+        for (sum, words) in sums.iter_mut().zip(words) {
+            *sum = Exact::from_words(words);
+            if !works {
+                sum.add(f64::NAN);
+            }
         }
     }
 
     /// Returns the largest of the ranks' numbers, which must not be negative. NaN if one of them is NaN or
     /// after a failure of the transport. Collective.
     pub fn largest<T: Real>(&self, value: T) -> T {
-        let portion = self.portion.as_ref();
-        portion.map_or(value, |p| T::of(p.largest(value.as_f64())))
+        // Beside numbers that are not negative, NaN counts as the highest.
+        let highest = || T::of(self.highest(value.as_f64().abs()));
+        if self.is_part() { highest() } else { value }
     }
 
     /// Returns the largest of the ranks' numbers, of either sign. NaN after a failure of the transport.
     /// Collective.
     pub fn highest(&self, value: f64) -> f64 {
-        self.portion.as_ref().map_or(value, |p| p.highest(value))
+        let Some(portion) = &self.portion else {
+            return value;
+        };
+        // Maps bits to integers in the order of the numbers; applied twice it gives the bits back.
+        let ordered = |bits: i64| bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed();
+        let mut words = [ordered(value.to_bits().cast_signed())];
+        if portion.reduce(&mut words, Reduction::Largest) {
+            f64::from_bits(ordered(words[0]).cast_unsigned())
+        } else {
+            f64::NAN
+        }
     }
 
     /// Returns whether `flag` is true on any rank. Collective.
@@ -258,10 +333,12 @@ impl Owned {
     /// # Errors
     /// Errors of the transport.
     pub fn any(&self, flag: bool) -> Result<bool> {
-        match &self.portion {
-            Some(p) => Ok(p.any(flag)?),
-            None => Ok(flag),
-        }
+        let Some(portion) = &self.portion else {
+            return Ok(flag);
+        };
+        let mut words = [i64::from(flag)];
+        portion.keep(portion.communicator().reduce(&mut words, Reduction::Largest))?;
+        Ok(words[0] > 0)
     }
 
     /// Checks that all ranks have the same digest of `what`. Collective.

@@ -3,9 +3,9 @@
 //! Nodes are partitioned in units of [`UNIT`] consecutive nodes ([`Division`]). A rank has a [`Portion`]:
 //! whole units, in the order of the model, so that results per node have the bits of the whole model. Values
 //! of nodes that other ranks own arrive by a halo exchange ([`Halo`]). Sums are formed per unit in the order
-//! of its nodes, and over units exactly ([`crate::Exact`]). They depend neither on the distribution of units nor on
-//! the order in which messages arrive. A partitioned model returns its part by [`crate::Model::owned`]; any other
-//! model is the same on every rank.
+//! of its nodes, and over units exactly ([`crate::Exact`]). They depend neither on the distribution of units
+//! nor on the order in which messages arrive. A model returns the nodes that a rank owns by
+//! [`crate::Model::owned`]; a model that is not partitioned is the same on every rank.
 //!
 //! The core uses a transport only through [`Communicator`].
 

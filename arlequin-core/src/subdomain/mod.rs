@@ -27,7 +27,7 @@ use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::{Communicator, Portion};
+use crate::ranks::Communicator;
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
@@ -82,8 +82,8 @@ pub struct Subdomain<T: Real> {
     memory: Option<Record<T>>,
     /// Ranks among which the run will partition the model; `None` once it has.
     ranks: Option<Arc<dyn Communicator>>,
-    /// This rank's part, once the run has partitioned the model.
-    portion: Option<Arc<Portion>>,
+    /// True once the run has partitioned the model.
+    is_partitioned: bool,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
@@ -136,7 +136,7 @@ impl<T: Real> Subdomain<T> {
             effects: Vec::new(),
             memory: None,
             ranks: None,
-            portion: None,
+            is_partitioned: false,
             state: State::zero(n),
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],

@@ -153,7 +153,7 @@ impl<T: Real> Subdomain<T> {
             weights: &self.weights,
             inertia: &self.inertia,
             inverse_inertia: &self.inverse_inertia,
-            portion: self.portion.as_ref(),
+            is_partitioned: self.is_partitioned,
         }
     }
 

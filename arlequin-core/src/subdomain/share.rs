@@ -2,9 +2,8 @@
 
 use super::Subdomain;
 use super::step::Forces;
-use crate::model::Shared;
 use crate::ranks::Communicator;
-use crate::{Owned, Real, Result};
+use crate::{Real, Result};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -49,9 +48,8 @@ impl<T: Real> Subdomain<T> {
         let Some(communicator) = self.ranks.take() else {
             return Ok(());
         };
-        let Shared { portion, field } = self.model.partition_among(&communicator)?;
-        self.field = field;
-        let (owned, layout) = (Owned::from(&portion), self.model.layout());
+        self.field = self.model.partition_among(&communicator)?;
+        let (owned, layout) = (self.owned(), self.model.layout());
         let state = &mut self.state;
         for x in [
             &mut state.q,
@@ -67,7 +65,7 @@ impl<T: Real> Subdomain<T> {
             motion.dofs = dofs.filter_map(|d| owned.local_unknown(&layout, *d)).collect();
         }
         self.forces = Forces::zero(self.inertia.len());
-        self.portion = Some(portion);
+        self.is_partitioned = true;
         // No pair effect acts on a partitioned model: the set-up refuses it.
         self.attach(false)
     }

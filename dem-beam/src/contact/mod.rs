@@ -114,9 +114,10 @@ impl EffectSpec<f64> for Contact {
             largest,
             ..
         } = &mut self.0;
-        if let (Some(portion), Pairs::Whole(list)) = (host.shared()?, &*pairs) {
-            grains.restrict(&portion.into(), &effect)?;
-            *pairs = Pairs::Part(Box::new(GatheredPairs::new(list, portion, *largest)));
+        let owned = host.owned()?;
+        if let (true, Pairs::Whole(list)) = (owned.is_part(), &*pairs) {
+            grains.restrict(&owned, &effect)?;
+            *pairs = Pairs::Part(Box::new(GatheredPairs::new(list, &owned, *largest)));
         }
         grains.attach(host, &effect)?;
         Ok(Box::new(self.0))

@@ -11,15 +11,14 @@ use super::pairs::{Key, PartitionedPairs};
 use super::touching::Touching;
 use crate::fracture::{Break, BreakLog};
 use arlequin_core::effect::Instant;
-use arlequin_core::ranks::{Portion, RankError};
 use arlequin_core::snapshot::Record;
+use arlequin_core::{Owned, Result};
 use std::slice::{from_mut, from_ref};
-use std::sync::Arc;
 
 /// Near pairs of a rank's part of a body, and the closed pairs of all ranks.
 #[derive(Debug)]
 pub(super) struct GatheredPairs {
-    portion: Arc<Portion>,
+    owned: Owned,
     list: PartitionedPairs,
     /// Closed pairs of all ranks in the order of the whole body, and their keys in its list.
     closed: Listed,
@@ -30,10 +29,10 @@ pub(super) struct GatheredPairs {
 impl GatheredPairs {
     /// This rank's part of the list of a whole body before its first step. The largest particle of the body
     /// has the radius `largest` \[m\].
-    pub(super) fn new(whole: &PairList, portion: &Arc<Portion>, largest: f64) -> Self {
+    pub(super) fn new(whole: &PairList, owned: &Owned, largest: f64) -> Self {
         Self {
-            list: PartitionedPairs::new(whole, portion, largest),
-            portion: portion.clone(),
+            list: PartitionedPairs::new(whole, owned, largest),
+            owned: owned.clone(),
             closed: Listed::new(0.0),
             keys: Vec::new(),
             gathered: Gathered::default(),
@@ -42,7 +41,7 @@ impl GatheredPairs {
 
     /// Number of particles of the whole body.
     pub(super) fn particles(&self) -> usize {
-        self.portion.division().nodes()
+        self.owned.nodes_of_whole()
     }
 
     /// Number on this rank of a gathered particle, if this rank owns it.
@@ -62,7 +61,7 @@ impl GatheredPairs {
         breaks: &[Break],
         grains: &Grains,
         log: &BreakLog,
-    ) -> Result<Vec<(Key, f64)>, RankError> {
+    ) -> Result<Vec<(Key, f64)>> {
         breaks.iter().for_each(|event| self.list.add_broken(event));
         self.list.refresh(grains, log)?;
         self.list.gather_closed()
@@ -88,19 +87,19 @@ impl GatheredPairs {
         grains: &Grains,
         instant: &Instant<'_, f64>,
         f: &mut [f64],
-    ) -> Result<(), RankError> {
+    ) -> Result<()> {
         // Particles that touched in the last step are included: their budgets are not settled yet.
         let local = |place: usize| self.gathered.local(place);
         let mut members: Vec<u32> = touching.end_forces(&local).map(|e| e.0 as u32).collect();
         let now = pairs.iter().flat_map(|p| p.0.ends);
         members.extend(
-            now.filter_map(|id| self.portion.local(id as usize))
+            now.filter_map(|id| self.owned.local(id as usize))
                 .map(|i| i as u32),
         );
         members.sort_unstable();
         members.dedup();
         let (gathered, mut touched, mut forces) =
-            Gathered::gather(&self.portion, &members, grains, instant, f)?;
+            Gathered::gather(&self.owned, &members, grains, instant, f)?;
         let place = |id: u32| gathered.place(id).unwrap_or_default() as u32;
         let before = &self.gathered.ids;
         touching.renumber(|p| place(before[p as usize]));
@@ -126,7 +125,7 @@ impl GatheredPairs {
     }
 
     /// Writes what the whole body would save on rank 0 and returns true; returns false elsewhere. Collective.
-    pub(super) fn save(&self, touching: &Touching, out: &mut Record<f64>) -> Result<bool, RankError> {
+    pub(super) fn save(&self, touching: &Touching, out: &mut Record<f64>) -> Result<bool> {
         let Some((keys, mut list)) = self.list.gather_list()? else {
             return Ok(false);
         };
@@ -162,7 +161,7 @@ impl GatheredPairs {
         ids.sort_unstable();
         ids.dedup();
         self.gathered = Gathered::from_ids(ids);
-        self.gathered.find_owned(&self.portion);
+        self.gathered.find_owned(&self.owned);
         for pair in touching.pushing() {
             *pair = closed_pairs.binary_search(pair).ok()?;
         }

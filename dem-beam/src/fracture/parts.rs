@@ -11,7 +11,7 @@ use crate::model::poses::Reader;
 use crate::numbered::Numbered;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
-use arlequin_core::ranks::{Halo, Message, Portion, RankError};
+use arlequin_core::ranks::{Halo, Message, RankError};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -96,9 +96,10 @@ impl FractureState {
 }
 
 impl Parts {
-    /// Returns whether a bond of the whole body breaks now; `now` are breaking bonds of this rank. Collective.
-    pub(super) fn any_breaks(&self, now: &[u32]) -> Result<bool, RankError> {
-        self.halo.portion().any(!now.is_empty())
+    /// Returns whether a bond of the whole body breaks now; `now` are breaking bonds of this rank.
+    /// Collective.
+    pub(super) fn any_breaks(&self, now: &[u32]) -> arlequin_core::Result<bool> {
+        self.halo.owned().any(!now.is_empty())
     }
 
     /// Local bonds that have a ghost.
@@ -108,9 +109,9 @@ impl Parts {
 
     /// Returns the breaks of all ranks in the order of the whole body and in its numbers. `breaks` are those
     /// whose first particle this rank owns, in local numbers. Collective.
-    pub(super) fn gather_breaks(&self, breaks: &[Break], time: f64) -> Result<Vec<Break>, RankError> {
-        let sent: Vec<i64> = breaks.iter().flat_map(|e| self.words(e)).collect();
-        let mut received = self.halo.portion().all_gather(&sent)?;
+    pub(super) fn gather_breaks(&self, breaks: &[Break], time: f64) -> arlequin_core::Result<Vec<Break>> {
+        let sent = breaks.iter().flat_map(|e| self.words(e)).collect();
+        let mut received = self.halo.owned().all_gather(sent)?;
         let received = received.as_chunks_mut::<WORDS>().0;
         received.sort_unstable_by_key(number);
         Ok(received.iter().map(|words| event(words, time)).collect())
@@ -150,7 +151,7 @@ impl Parts {
         let mut sent = Vec::new();
         for [bond, ..] in broken {
             if let Some(b) =
-                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
+                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.owned().nodes() as u32)
             {
                 let (place, pair) = (
                     middle(body, b),
@@ -161,8 +162,8 @@ impl Parts {
                 sent.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
             }
         }
-        // Errors between ranks are kept for [`Portion::failure`].
-        let Ok(mut received) = self.halo.portion().all_gather(&sent) else {
+        // The run reports an error between ranks.
+        let Ok(mut received) = self.halo.owned().all_gather(sent) else {
             return false;
         };
         let received = received.as_chunks_mut::<6>().0;
@@ -186,11 +187,7 @@ impl Parts {
 
     /// Number in the whole body of a local particle.
     fn global(&self, particle: u32) -> u32 {
-        let portion: &Portion = self.halo.portion();
-        match (particle as usize).checked_sub(portion.nodes()) {
-            None => portion.global(particle as usize) as u32,
-            Some(ghost) => self.halo.ghosts()[ghost],
-        }
+        self.halo.global(particle as usize) as u32
     }
 
     /// Packs a break with numbers of the whole body into words.

@@ -7,7 +7,6 @@ use crate::bond::Twist;
 use crate::kernel::engine::Marks;
 use crate::kernel::lanes::LANES;
 use crate::kernel::screen::Screen;
-use crate::model::forces::RankResult;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
@@ -311,7 +310,7 @@ impl FractureState {
         body: &BondedParticles,
         reader: &Reader<'_>,
         parts: Option<&Parts>,
-    ) -> RankResult<bool> {
+    ) -> arlequin_core::Result<bool> {
         // The interval of checks is the same on all ranks: all of them check, or none.
         if !self.find(body, reader) {
             return Ok(false);
@@ -341,7 +340,7 @@ impl FractureState {
         readers: [&Reader<'_>; 2],
         mut parts: Option<&mut Parts>,
         inside: impl Fn(usize) -> bool,
-    ) -> RankResult<f64> {
+    ) -> arlequin_core::Result<f64> {
         let (ghosts, changes) = match &mut parts {
             Some(parts) => parts.receive_ghosts(readers[0], step)?,
             None => GhostStates::default(),

@@ -1,7 +1,6 @@
 //! Bonds that break: fracture of a model, its saved state and its results.
 
 use super::DemModel;
-use super::forces::RankResult;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::fracture::parts::Parts;
@@ -85,7 +84,7 @@ impl DemModel {
         self.log.clone()
     }
 
-    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> RankResult<f64> {
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
         let Some(mut fracture) = self.fracture.take() else {
             return Ok(0.0);
         };
@@ -109,7 +108,7 @@ impl DemModel {
         fracture: &mut FractureState,
         mut parts: Option<&mut Parts>,
         step: &mut Evolution<'_, f64>,
-    ) -> RankResult<f64> {
+    ) -> arlequin_core::Result<f64> {
         let mut ghosts = Vec::new();
         if let Some(parts) = &mut parts {
             ghosts = std::mem::take(&mut parts.ghosts);

@@ -287,7 +287,7 @@ impl<W: Screened> Gather<W> {
             sums.iter_mut().zip(part).for_each(|(sum, x)| sum.add(*x));
         }
         match &self.ghosts {
-            Some(g) => g.halo.portion().total(sums),
+            Some(g) => g.halo.owned().total(sums),
             None => sums.map(Exact::value),
         }
     }

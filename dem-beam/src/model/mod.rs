@@ -53,7 +53,7 @@ use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    Owned, ParticleField, Shared, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
+    Owned, ParticleField, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -419,13 +419,13 @@ impl Model<f64> for DemModel {
     fn partition_among(
         &mut self,
         communicator: &Arc<dyn Communicator>,
-    ) -> arlequin_core::Result<Shared<f64>> {
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<f64>>> {
         self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 
     fn owned(&self) -> Owned {
         let whole = || Owned::whole(self.nodes.len());
-        self.halo.as_ref().map_or_else(whole, |h| h.portion().into())
+        self.halo.as_ref().map_or_else(whole, |h| h.owned().clone())
     }
 
     fn save(&self) -> Record<f64> {
@@ -468,7 +468,7 @@ impl Evolving<f64> for DemModel {
     }
 
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step)?)
+        self.break_bonds(step)
     }
 }
 

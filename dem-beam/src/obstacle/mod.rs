@@ -447,8 +447,9 @@ impl Body {
 impl EffectSpec<f64> for Obstacle {
     fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let effect = format!("obstacle '{}'", self.0.name);
-        if let Some(portion) = host.shared()? {
-            self.0.restrict(portion, host, &effect)?;
+        let owned = host.owned()?;
+        if owned.is_part() {
+            self.0.restrict(owned, host, &effect)?;
             return Ok(Box::new(self.0));
         }
         self.0.grains.attach(host, &effect)?;

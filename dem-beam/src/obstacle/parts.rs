@@ -7,14 +7,12 @@ use crate::contact::gathered::Gathered;
 use crate::contact::{Grains, Spring};
 use arlequin_core::Owned;
 use arlequin_core::effect::{Host, Instant};
-use arlequin_core::ranks::{Portion, RankError};
 use std::borrow::Cow;
-use std::sync::Arc;
 
 /// The particles that this rank owns, and the gathered touching particles of all ranks.
 #[derive(Debug)]
 pub(super) struct PartitionState {
-    portion: Arc<Portion>,
+    owned: Owned,
     grains: Grains,
     allowed: Vec<f64>,
     near: Near,
@@ -25,16 +23,16 @@ impl Body {
     /// Restricts the obstacle to the owned particles; `effect` is the effect's name in errors.
     pub(super) fn restrict(
         &mut self,
-        portion: &Arc<Portion>,
+        owned: Owned,
         host: &Host<'_, f64>,
         effect: &str,
     ) -> arlequin_core::Result<()> {
         let mut grains = std::mem::replace(&mut self.grains, Grains::from_contact_data(&[]));
-        grains.restrict(&portion.into(), effect)?;
+        grains.restrict(&owned, effect)?;
         grains.attach(host, effect)?;
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
         self.partition = Some(PartitionState {
-            portion: portion.clone(),
+            owned,
             allowed: allowed(&self.shape, &grains.rest_spheres),
             near: self.near.for_particles(grains.len()),
             grains,
@@ -50,7 +48,7 @@ impl Body {
         partition: &mut PartitionState,
         instant: &Instant<'_, f64>,
         f: &mut [f64],
-    ) -> Result<(), RankError> {
+    ) -> arlequin_core::Result<()> {
         let u = &instant.q[..3 * partition.grains.len()];
         let rest_spheres = &partition.grains.rest_spheres;
         partition
@@ -71,7 +69,7 @@ impl Body {
         members.sort_unstable();
         members.dedup();
         let (gathered, grains, mut forces) =
-            Gathered::gather(&partition.portion, &members, &partition.grains, instant, f)?;
+            Gathered::gather(&partition.owned, &members, &partition.grains, instant, f)?;
         let known = std::mem::replace(&mut partition.gathered, gathered);
         let gathered = &partition.gathered;
         let mut springs = vec![Spring::default(); gathered.ids.len()];
@@ -107,7 +105,7 @@ impl Body {
     /// The particles that this rank owns, all of them or a part.
     pub(super) fn owned(&self) -> (Owned, &Grains) {
         match &self.partition {
-            Some(partition) => ((&partition.portion).into(), &partition.grains),
+            Some(partition) => (partition.owned.clone(), &partition.grains),
             None => (Owned::whole(self.grains.len()), &self.grains),
         }
     }
@@ -139,7 +137,7 @@ impl Body {
         ids.dedup();
         self.springs = ids.iter().map(|id| self.springs[*id as usize]).collect();
         partition.gathered = Gathered::from_ids(ids);
-        partition.gathered.find_owned(&partition.portion);
+        partition.gathered.find_owned(&partition.owned);
         for a in &mut self.active {
             a.particle = partition.gathered.place(a.particle).unwrap_or_default() as u32;
         }

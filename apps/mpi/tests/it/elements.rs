@@ -280,7 +280,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let error = |e: Result<String, RankError>| e.unwrap();
     let refused = threads::run(2, 1, WAIT, |c| {
         let mut differing = body(if c.rank() == 0 { "tets" } else { "box" });
-        differing.partition_among(&c).unwrap_err().to_string()
+        differing.partition_among(&c).err().unwrap().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(
@@ -292,7 +292,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
         let mut weighted = body("tets");
         let weight = Uniform(if c.rank() == 0 { 1.0 } else { 0.5 });
         weighted.set_internal_weight(&weight).unwrap();
-        weighted.partition_among(&c).unwrap_err().to_string()
+        weighted.partition_among(&c).err().unwrap().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(e.contains("its materials or its weights"), "{e}");
@@ -307,7 +307,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
             beyond.contains(&format!("'body' here has {far} nodes")),
             "{beyond}"
         );
-        m.partition_among(&c).unwrap_err().to_string()
+        m.partition_among(&c).err().unwrap().to_string()
     });
     for e in twice.into_iter().map(error) {
         assert!(
