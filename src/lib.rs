@@ -49,8 +49,8 @@ pub mod prelude {
         Guard, H1Gradient, H1Seminorm, H1Strain, InterfaceOptions, InterfaceSpec, Interpolation, Junction,
         L2, LinearModel, Mediator, Model, Needs, Observer, Overlap, OwnStep, Participant, ParticleField,
         Partition, Parts, PrescribedMotion, Primitive, Profile, Ramp, Result, Sampling, ShapeFunction, Shell,
-        Silent, Slab, State, StepReport, Subdomain, TimeFunction, TimeStep, Uniform, Weight, Weighting,
-        Weights,
+        Silent, Slab, State, StepReport, Subdomain, TimeFunction, TimeStep, Uniform, Views, Weight,
+        Weighting, Weights,
     };
     pub use cnem::{CnemModel, NaturalField};
     pub use dem_beam::{

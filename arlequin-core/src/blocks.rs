@@ -3,8 +3,8 @@
 //! For models that store an assembled stiffness. Each row is gathered on its own and in a fixed order:
 //! results have the same bits for any number of threads.
 
+use crate::Owned;
 use crate::Real;
-use crate::ranks::{self, Portion};
 use rayon::prelude::*;
 use sprs::CsMat;
 use std::ops::Range;
@@ -164,25 +164,20 @@ impl<T: Real> BlockMatrix<T> {
     /// Energy `½ qᵀ K q` \[J\]. The sum over units of nodes is exact, and so has the same bits for any number
     /// of threads. Allocates nothing.
     pub fn energy(&self, q: &[T]) -> T {
-        self.energy_of_all(q, q, None)
+        self.energy_over_ranks(&Owned::whole(q.len() / self.size), q, q)
     }
 
-    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of this rank's rows, `q`
+    /// Energy `½ qᵀ K q` \[J\] over the rows of all ranks. `local` are the unknowns of the owned rows, `q`
     /// all unknowns that these rows read. Collective.
-    pub fn energy_of_all(&self, local: &[T], q: &[T], portion: Option<&Portion>) -> T {
+    pub fn energy_over_ranks(&self, owned: &Owned, local: &[T], q: &[T]) -> T {
         let sum = match self.size {
-            1 => self.energy_in_blocks::<1>(local.as_chunks().0, q.as_chunks().0, portion),
-            _ => self.energy_in_blocks::<3>(local.as_chunks().0, q.as_chunks().0, portion),
+            1 => self.energy_in_blocks::<1>(owned, local.as_chunks().0, q.as_chunks().0),
+            _ => self.energy_in_blocks::<3>(owned, local.as_chunks().0, q.as_chunks().0),
         };
         sum * T::of(0.5)
     }
 
-    fn energy_in_blocks<const C: usize>(
-        &self,
-        local: &[[T; C]],
-        q: &[[T; C]],
-        portion: Option<&Portion>,
-    ) -> T {
+    fn energy_in_blocks<const C: usize>(&self, owned: &Owned, local: &[[T; C]], q: &[[T; C]]) -> T {
         let part = |rows: Range<usize>| {
             let sum = rows.fold(T::zero(), |sum, i| {
                 let y = self.row_product::<C>(i, q);
@@ -191,7 +186,7 @@ impl<T: Real> BlockMatrix<T> {
             });
             [sum]
         };
-        let [sum] = ranks::sum(local.len(), portion, &part);
+        let [sum] = owned.sum(&part);
         sum
     }
 
@@ -279,6 +274,6 @@ mod tests {
         assert_eq!(some.to_csr().shape(), (6, 15));
         let own = [&q[3..6], &q[9..12]].concat();
         let work: f64 = own.iter().zip(&f).map(|(q, f)| -0.5 * q * f).sum();
-        assert!((some.energy_of_all(&own, &wide, None) - work).abs() < 1e-14 * work.abs());
+        assert!((some.energy_over_ranks(&Owned::whole(2), &own, &wide) - work).abs() < 1e-14 * work.abs());
     }
 }

@@ -155,17 +155,17 @@ impl<T: Real> EnergyRelease<T> {
     /// energy.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a model without [`Model::gradients`]; [`Error::InvalidParameter`] for
-    /// radii, a front or a direction that make no sense, a front without material ahead or without a surface
-    /// around it, surfaces or borders of materials across the ring, and a domain in which the weight is not
-    /// one.
+    /// [`Error::Unsupported`] for a model without [`crate::Views::gradients`];
+    /// [`Error::InvalidParameter`] for radii, a front or a direction that make no sense, a front without
+    /// material ahead or without a surface around it, surfaces or borders of materials across the ring, and
+    /// a domain in which the weight is not one.
     pub fn new(
         model: &dyn Model<T>,
         field: &dyn Interpolation<T>,
         alpha: &dyn Weight<T>,
         crack: &CrackFront<T>,
     ) -> Result<Self> {
-        let Some(gradients) = model.gradients() else {
+        let Some(gradients) = model.views().gradients else {
             return Err(Error::Unsupported {
                 model: model.name().to_owned(),
                 what: format!(

@@ -85,7 +85,7 @@ impl<T: Real> HarmonicOverlap<T> {
         let mut stiffness = DMatrix::zeros(size, size);
         let mut mass = DVector::zeros(size);
         for (k, s) in run.subdomains.iter().enumerate() {
-            let Some(linear) = s.model().as_linear() else {
+            let Some(linear) = s.model().views().linear else {
                 let what = "be analysed harmonically: it is not linear, or weighted at its nodes".into();
                 return Err(Error::Unsupported {
                     model: s.model().name().into(),

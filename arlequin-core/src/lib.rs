@@ -61,6 +61,7 @@ mod coupled;
 pub mod effect;
 mod energy_release;
 mod error;
+mod exact;
 mod extent;
 mod field;
 pub mod geometry;
@@ -75,6 +76,7 @@ mod model;
 mod named;
 mod nodal;
 mod overlap;
+mod owned;
 pub mod parallel;
 mod participant;
 mod phase;
@@ -97,6 +99,7 @@ pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relax
 use coupled::{ledger, momentum, observer, warning};
 pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};
+pub use exact::Exact;
 pub use field::{Interpolation, ParticleField, ShapeRow, outside};
 pub use interface::{
     Interface, InterfaceOptions, InterfaceReport, InterfaceSpec, NullMode, Sampling, Side, SolutionTime,
@@ -109,13 +112,14 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, Shared, State,
-    Stepping, Stride, Watching, check_size,
+    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
+    Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;
 pub use observer::{Observer, Phase, SetupPhase, Silent, StepReport};
 pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
+pub use owned::{Owned, add_products};
 pub use participant::{Outline, Participant};
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
 pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTensor};

@@ -4,31 +4,14 @@ use crate::energy_release::Gradients;
 use crate::error::invalid;
 use crate::field::Interpolation;
 use crate::geometry::Sample;
-use crate::ranks::{Communicator, Portion};
+use crate::ranks::Communicator;
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
 use crate::weight::Weight;
-use crate::{Error, Real, Result};
+use crate::{Error, Owned, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
 use std::sync::Arc;
-
-/// This rank's part of a partitioned model.
-#[derive(Clone)]
-pub struct Shared<T: Real> {
-    /// Nodes of the part, and the exchange with other ranks.
-    pub portion: Arc<Portion>,
-    /// Displacement field on the nodes of the part.
-    pub field: Arc<dyn Interpolation<T>>,
-}
-
-impl<T: Real> std::fmt::Debug for Shared<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shared")
-            .field("portion", &self.portion)
-            .finish_non_exhaustive()
-    }
-}
 
 /// Arrangement of the unknowns: `components` displacements of every node (`x0 y0 z0 x1 …`), then `rotations`
 /// of every node in the same order. The coupling never touches rotations.
@@ -231,40 +214,19 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Report of the effects that a state would need, if the model can give one.
-    fn watching(&self) -> Option<&dyn Watching<T>> {
-        None
+    /// What the model offers besides forces. The default offers nothing.
+    fn views(&self) -> Views<'_, T> {
+        Views::default()
     }
 
-    /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
-    /// the model is, whatever field interpolates between them. `None` for a model that fills the cells of its
-    /// field.
-    fn particles(&self) -> Option<&[Sample<T>]> {
-        None
-    }
-
-    /// Stresses at the nodes, if the model knows them; for output and probes.
-    fn recovery(&self) -> Option<&dyn Recovery<T>> {
-        None
-    }
-
-    /// Gradients at points, if the model is a continuum; for the energy that cracks release.
-    fn gradients(&self) -> Option<&dyn Gradients<T>> {
-        None
-    }
-
-    /// Bonds between the nodes, if the model has bonds; for output.
-    fn links(&self) -> Option<&dyn Links<T>> {
-        None
-    }
-
-    /// Restricts the model to the part that the rank of `communicator` owns. The run calls it before the
-    /// first step and after the weights are set; until then the model is the same on every rank. Collective.
+    /// Restricts the model to the part that the rank of `communicator` owns, and returns the displacement
+    /// field on the nodes of the part. The run calls it before the first step and after the weights are set; until
+    /// then the model is the same on every rank. Collective.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model that cannot be partitioned, which is the default; errors of the
     /// transport.
-    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Arc<dyn Interpolation<T>>> {
         let ranks = communicator.ranks();
         Err(Error::Unsupported {
             model: self.name().to_owned(),
@@ -274,16 +236,11 @@ pub trait Model<T: Real>: Send {
         })
     }
 
-    /// This rank's part, if the model is partitioned. Nodes, unknowns, weights and forces are then those of
-    /// the part; energies and the critical step are those of the whole model. Methods that every rank must
-    /// call together say so.
-    fn portion(&self) -> Option<&Portion> {
-        None
-    }
-
-    /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
-    fn effects(&self) -> &[&'static str] {
-        &[]
+    /// Nodes of the model that this rank owns. In a partitioned model they are a part of all nodes: nodes,
+    /// unknowns, weights and forces are then those of the part; energies and the critical step are those of
+    /// the whole model. Methods that every rank must call together say so.
+    fn owned(&self) -> Owned {
+        Owned::whole(self.layout().nodes)
     }
 
     /// Figures of the effects in the model, for reports: names (with units) and values.
@@ -304,10 +261,50 @@ pub trait Model<T: Real>: Send {
     fn restore(&mut self, from: &Record<T>) -> Result<()> {
         from.expect(self.name(), 0, 0)
     }
+}
 
-    /// Stiffness matrix, if the model is linear; the static twin and the harmonic analysis need it.
-    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        None
+/// What a model offers besides forces ([`Model::views`]), for probes, output and methods for linear models.
+/// Every field is optional.
+#[derive(Clone, Copy)]
+#[non_exhaustive]
+pub struct Views<'a, T: Real> {
+    /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
+    pub effects: &'a [&'static str],
+    /// Stiffness matrix of a linear model; the static twin and the harmonic analysis need it.
+    pub linear: Option<&'a dyn LinearModel<T>>,
+    /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
+    /// the model is, whatever field interpolates between them. `None` for a model that fills the cells of its
+    /// field.
+    pub particles: Option<&'a [Sample<T>]>,
+    /// Stresses at the nodes, for output and probes.
+    pub recovery: Option<&'a dyn Recovery<T>>,
+    /// Gradients at points of a continuum, for the energy that cracks release.
+    pub gradients: Option<&'a dyn Gradients<T>>,
+    /// Bonds between the nodes, for output.
+    pub links: Option<&'a dyn Links<T>>,
+    /// Report of the effects that a state would need.
+    pub watching: Option<&'a dyn Watching<T>>,
+}
+
+impl<T: Real> Default for Views<'_, T> {
+    fn default() -> Self {
+        Self {
+            effects: &[],
+            linear: None,
+            particles: None,
+            recovery: None,
+            gradients: None,
+            links: None,
+            watching: None,
+        }
+    }
+}
+
+impl<T: Real> std::fmt::Debug for Views<'_, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Views")
+            .field("effects", &self.effects)
+            .finish_non_exhaustive()
     }
 }
 
@@ -357,7 +354,7 @@ pub trait Stepping<T: Real> {
 
 /// A model that changes itself as it moves.
 pub trait Evolving<T: Real> {
-    /// Name of the effect that takes the energy, one of [`Model::effects`].
+    /// Name of the effect that takes the energy, one of [`Views::effects`].
     fn effect(&self) -> &'static str;
 
     /// Lets the model change itself and returns the energy that left it \[J\], by the rule of [`Evolution`].

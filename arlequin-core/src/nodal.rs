@@ -1,12 +1,9 @@
 //! Weights at the nodes, as in the literature; kept for comparison, for any linear model.
 
-use crate::energy_release::Gradients;
-use crate::geometry::Sample;
-use crate::model::{Arms, DofLayout, Model, Watching};
+use crate::Owned;
+use crate::model::{Arms, DofLayout, Model, Views};
 use crate::parallel;
-use crate::ranks::Portion;
 use crate::record::Record;
-use crate::recovery::{Links, Recovery};
 use crate::scalar::check_finite;
 use crate::weight::{Uniform, Weight};
 use crate::{Error, Real, Result};
@@ -90,17 +87,11 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     fn nodes(&self) -> &[Point3<T>] {
         self.model.nodes()
     }
-    fn particles(&self) -> Option<&[Sample<T>]> {
-        self.model.particles()
-    }
-    fn recovery(&self) -> Option<&dyn Recovery<T>> {
-        self.model.recovery()
-    }
-    fn gradients(&self) -> Option<&dyn Gradients<T>> {
-        self.model.gradients()
-    }
-    fn links(&self) -> Option<&dyn Links<T>> {
-        self.model.links()
+    fn views(&self) -> Views<'_, T> {
+        Views {
+            linear: None,
+            ..self.model.views()
+        }
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> Result<()> {
@@ -118,7 +109,7 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
         self.factors = self.at_nodes(alpha)?;
         // A stiffness that changes would leave the stored one, and the energy with it, behind.
         let changes = self.model.evolving().is_some();
-        let Some(linear) = self.model.as_linear().filter(|_| !changes) else {
+        let Some(linear) = self.model.views().linear.filter(|_| !changes) else {
             return Err(Error::Unsupported {
                 model: self.model.name().to_owned(),
                 what: "be weighted at its nodes: it is not linear, or its bonds can break; take energy weighting"
@@ -155,17 +146,11 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     // form of `M⁻¹ D K` in the metric of the weighted masses, which also bounds the model under constraints.
     // The spectrum of the model alone does not: equal weights of force and mass cancel in it.
 
-    fn portion(&self) -> Option<&Portion> {
-        self.model.portion()
-    }
-    fn effects(&self) -> &[&'static str] {
-        self.model.effects()
+    fn owned(&self) -> Owned {
+        self.model.owned()
     }
     fn facts(&self) -> Vec<(String, f64)> {
         self.model.facts()
-    }
-    fn watching(&self) -> Option<&dyn Watching<T>> {
-        self.model.watching()
     }
     fn save(&self) -> Record<T> {
         self.model.save()

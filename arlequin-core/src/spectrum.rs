@@ -1,8 +1,8 @@
 //! Highest frequency of a model by Lanczos iteration, and the critical step of velocity Verlet from it.
 
 use crate::model::DofLayout;
-use crate::ranks::{self, Exact, Portion};
 use crate::scalar::dot;
+use crate::{Exact, Owned, add_products};
 use crate::{Real, Result};
 use nalgebra::DMatrix;
 use std::ops::Range;
@@ -50,10 +50,10 @@ pub fn step_of<T: Real>(largest: T) -> T {
 pub fn critical_step_of_nodes<T: Real>(
     inverse_inertia: &[T],
     layout: DofLayout,
-    portion: Option<&Portion>,
+    owned: &Owned,
     add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
-    let space = Space::Nodes(layout, portion);
+    let space = Space::Nodes(layout, owned);
     Ok(step_of(largest_in(inverse_inertia, &space, add_forces)?))
 }
 
@@ -108,10 +108,10 @@ fn largest_in<T: Real>(
 pub fn largest_ritz<T: Real>(
     root: &[T],
     layout: DofLayout,
-    portion: Option<&Portion>,
+    owned: &Owned,
     add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
-    let space = Space::Nodes(layout, portion);
+    let space = Space::Nodes(layout, owned);
     // The space is exhausted after as many steps as it has unknowns.
     let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
@@ -254,7 +254,7 @@ enum Space<'a> {
     /// Unknowns without nodes, all on this rank; their number.
     Plain(usize),
     /// Unknowns of nodes, on one rank or spread over several.
-    Nodes(DofLayout, Option<&'a Portion>),
+    Nodes(DofLayout, &'a Owned),
 }
 
 impl Space<'_> {
@@ -262,27 +262,20 @@ impl Space<'_> {
     fn size(&self) -> usize {
         match self {
             Self::Plain(n) => *n,
-            Self::Nodes(layout, portion) => {
-                let nodes = portion.map_or(layout.nodes, |p| p.division().nodes());
-                DofLayout { nodes, ..*layout }.dofs()
-            }
+            Self::Nodes(layout, owned) => owned.whole_layout(layout).dofs(),
         }
     }
 
     /// Number that a local unknown has among the unknowns of all ranks.
     fn global_number(&self, i: usize) -> usize {
-        let Self::Nodes(layout, Some(portion)) = self else {
-            return i;
-        };
-        let (d, r) = (layout.components, layout.rotations);
-        match i.checked_sub(layout.translations()) {
-            None => portion.global(i / d) * d + i % d,
-            Some(behind) => portion.division().nodes() * d + portion.global(behind / r) * r + behind % r,
+        match self {
+            Self::Plain(_) => i,
+            Self::Nodes(layout, owned) => owned.global_unknown(layout, i),
         }
     }
 
     fn dot<T: Real>(&self, a: &[T], b: &[T]) -> T {
-        let Self::Nodes(layout, portion) = self else {
+        let Self::Nodes(layout, owned) = self else {
             return dot(a, b);
         };
         let (d, r, first) = (layout.components, layout.rotations, layout.translations());
@@ -291,7 +284,7 @@ impl Space<'_> {
             let turning = first + r * n.start..first + r * n.end;
             [dot(&a[moving.clone()], &b[moving]) + dot(&a[turning.clone()], &b[turning])]
         };
-        let [sum] = ranks::sum(layout.nodes, *portion, &part);
+        let [sum] = owned.sum(&part);
         sum
     }
 
@@ -299,7 +292,7 @@ impl Space<'_> {
     /// all-reduce.
     fn orthogonalise<T: Real>(&self, w: &mut [T], basis: &[Vec<T>]) {
         // Called twice, which is enough either way.
-        let Self::Nodes(layout, portion) = self else {
+        let Self::Nodes(layout, owned) = self else {
             return basis.iter().for_each(|b| {
                 let c = dot(w, b);
                 w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
@@ -308,11 +301,9 @@ impl Space<'_> {
         // Exact sums, so that the coefficients do not depend on how nodes are dealt out to ranks.
         let mut sums = vec![Exact::zero(); basis.len()];
         for (sum, b) in sums.iter_mut().zip(basis) {
-            ranks::add_products(layout, w, b, sum);
+            add_products(layout, w, b, sum);
         }
-        if let Some(p) = portion {
-            p.all_reduce(&mut sums);
-        }
+        owned.all_reduce(&mut sums);
         for (b, c) in basis.iter().zip(&sums) {
             let c = T::of(c.value());
             w.iter_mut().zip(b).for_each(|(w, b)| *w -= c * *b);
@@ -323,8 +314,8 @@ impl Space<'_> {
     /// not end.
     fn check_ranks(&self) -> Result<()> {
         match self {
-            Self::Nodes(_, Some(portion)) => portion.failure().map_or(Ok(()), |e| Err(e.clone().into())),
-            _ => Ok(()),
+            Self::Plain(_) => Ok(()),
+            Self::Nodes(_, owned) => owned.check_communication(),
         }
     }
 

@@ -27,11 +27,11 @@ use crate::scni::{BoundaryFacet, MatrixFree, Smoothing, Stabilisation, SubCells,
 use crate::stress;
 use crate::voronoi::{CellBodies, Voronoi};
 use arlequin_core::effect::SurfaceFacet;
-use arlequin_core::ranks::{Communicator, Portion};
+use arlequin_core::ranks::Communicator;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Model, Patches,
-    Recovery, Shared, Weight, advice, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches, Views,
+    Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -360,50 +360,50 @@ impl Model<f64> for CnemModel {
         self.add_internal_forces(q, f)?;
         Ok(match &self.part {
             // The part still holds the ghost displacements received for the forces.
-            Some(part) => self.forces.energy(q, part.received(), Some(part.portion())),
-            None => self.forces.energy(q, q, None),
+            Some(part) => self.forces.energy(part.owned(), q, part.received()),
+            None => self.forces.energy(&self.owned(), q, q),
         })
     }
 
     /// Returns `½ qᵀ K_α q` \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         let Some(part) = &self.part else {
-            return self.forces.energy(q, q, None);
+            return self.forces.energy(&self.owned(), q, q);
         };
-        // The portion remembers a failed exchange, and its sums are then NaN.
+        // After a failure of the exchange, sums over ranks are NaN.
         let x = part.receive(q).unwrap_or_else(|_| part.received().to_vec());
-        self.forces.energy(q, &x, Some(part.portion()))
+        self.forces.energy(part.owned(), q, &x)
     }
 
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
-        let portion = self.part.as_ref().map(|p| p.portion().clone());
-        let (layout, portion) = (self.layout(), portion.as_deref());
+        let (layout, owned) = (self.layout(), self.owned());
         let forces = &mut |q: &[f64], f: &mut [f64]| self.add_internal_forces(q, f);
-        spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
+        spectrum::critical_step_of_nodes(inverse_inertia, layout, &owned, forces)
     }
 
     fn partition_among(
         &mut self,
         communicator: &Arc<dyn Communicator>,
-    ) -> arlequin_core::Result<Shared<f64>> {
-        self.keep_part(communicator)
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<f64>>> {
+        self.keep_part(communicator)?;
+        Ok(self.coupling_field())
     }
 
-    fn portion(&self) -> Option<&Portion> {
-        self.part.as_ref().map(|p| &**p.portion())
+    fn owned(&self) -> Owned {
+        let nodes = self.nodes().len();
+        self.part
+            .as_ref()
+            .map_or(Owned::whole(nodes), |p| p.owned().clone())
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        Some(self)
-    }
-
-    fn gradients(&self) -> Option<&dyn Gradients<f64>> {
-        self.part.is_none().then_some(self as _)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        self.part.is_none().then_some(self as _)
+    fn views(&self) -> Views<'_, f64> {
+        let is_whole = self.part.is_none();
+        let mut views = Views::default();
+        views.recovery = Some(self);
+        views.linear = is_whole.then_some(self as _);
+        views.gradients = is_whole.then_some(self as _);
+        views
     }
 }
 

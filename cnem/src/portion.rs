@@ -9,8 +9,8 @@
 use crate::field::NaturalField;
 use crate::model::CnemModel;
 use crate::scni::MatrixFree;
-use arlequin_core::ranks::{Communicator, Halo, Message, Portion, Reach, Unit};
-use arlequin_core::{Error, Interpolation, Model, Result, ShapeRow, Shared, outside};
+use arlequin_core::ranks::{Communicator, Halo, Message, Reach, Unit};
+use arlequin_core::{Error, Interpolation, Model, Owned, Result, ShapeRow, outside};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -47,7 +47,7 @@ pub(crate) struct Part {
 #[derive(Debug)]
 pub(crate) struct PartField {
     body: Arc<NaturalField>,
-    portion: Arc<Portion>,
+    owned: Owned,
     nodes: Vec<Point3<f64>>,
 }
 
@@ -60,7 +60,7 @@ impl Interpolation<f64> for PartField {
         self.body.shape_at(x, gradient, row)?;
         for node in &mut row.nodes {
             *node = self
-                .portion
+                .owned
                 .local(*node)
                 .ok_or_else(|| outside(x, self.body.kind()))?;
         }
@@ -73,8 +73,8 @@ impl Interpolation<f64> for PartField {
 }
 
 impl Part {
-    pub(crate) fn portion(&self) -> &Arc<Portion> {
-        self.reach.halo().portion()
+    pub(crate) fn owned(&self) -> &Owned {
+        self.reach.halo().owned()
     }
 
     /// Receives the displacements of ghosts and subtracts the internal forces at displacements `q` of the
@@ -111,29 +111,29 @@ impl Part {
         q: &[f64],
         nodes: &[usize],
     ) -> Result<(Vec<f64>, Vec<usize>)> {
-        let around = || Reach::new(patched(model, self.portion()), |k| k);
+        let around = || Reach::new(patched(model, self.owned()), |k| k);
         let reach = self.around.get_or_init(around);
-        let mut x = vec![0.0; 3 * self.portion().division().nodes()];
+        let mut x = vec![0.0; 3 * self.owned().nodes_of_whole()];
         reach.spread::<f64, 3>(&mut reach.halo().messages(3), q, &mut x)?;
         Ok((x, reach.places(model.name(), nodes)?))
     }
 }
 
 /// Builds the halo of the stress recovery: links each node to the nodes that the cells of its patch name.
-fn patched(model: &CnemModel, portion: &Arc<Portion>) -> Halo {
+fn patched(model: &CnemModel, owned: &Owned) -> Halo {
     let patches = model.patches();
     let mut links = Vec::new();
-    for i in 0..portion.division().nodes() {
-        let is_local = portion.local(i).is_some();
+    for i in 0..owned.nodes_of_whole() {
+        let is_local = owned.local(i).is_some();
         for (cell, _) in patches.row(i) {
             let needed = model.smoothed_row(cell).0;
             let remote = needed
                 .iter()
-                .filter(|k| is_local != portion.local(**k as usize).is_some());
+                .filter(|k| is_local != owned.local(**k as usize).is_some());
             links.extend(remote.map(|k| [i as u32, *k]));
         }
     }
-    Halo::of_links(portion.clone(), links.into_iter())
+    Halo::of_links(owned, links.into_iter())
 }
 
 /// Nodes whose displacements a rank reads, ascending, and the links from its owned nodes to ghosts.
@@ -143,9 +143,9 @@ struct Needed {
 }
 
 impl Needed {
-    fn new(forces: &MatrixFree, owned: &[u32], cells: &[u32], portion: &Portion) -> Self {
+    fn new(forces: &MatrixFree, owned: &[u32], cells: &[u32], ownership: &Owned) -> Self {
         let (mut nodes, mut links) = (Vec::new(), Vec::new());
-        let is_local = |k: &u32| portion.local(*k as usize).is_some();
+        let is_local = |k: &u32| ownership.local(*k as usize).is_some();
         for c in cells {
             let (local, remote): (Vec<u32>, Vec<u32>) = forces.nodes_of_cell(*c).partition(is_local);
             links.extend(local.iter().flat_map(|i| remote.iter().map(|j| [*i, *j])));
@@ -180,7 +180,7 @@ impl CnemModel {
 
     /// Reduces this model to the part of the rank of `communicator`. The body is bisected by the work of its
     /// units.
-    pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
+    pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<()> {
         let name = self.name().to_owned();
         if self.part.is_some() {
             return Err(Error::Unsupported {
@@ -190,15 +190,17 @@ impl CnemModel {
         }
         let what = format!("the cells of '{name}', its material or its weights");
         let digest = (&*what, self.digest());
-        let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
-        let owned: Vec<u32> = (0..portion.nodes()).map(|i| portion.global(i) as u32).collect();
+        let ownership = Owned::bisected(communicator, digest, self.nodes().len(), &self.units())?;
+        let owned: Vec<u32> = (0..ownership.nodes())
+            .map(|i| ownership.global(i) as u32)
+            .collect();
         let cells = self.forces.cells_of(&owned);
-        let Needed { nodes: needed, links } = Needed::new(&self.forces, &owned, &cells, &portion);
-        let halo = Halo::of_links(portion.clone(), links.into_iter());
+        let Needed { nodes: needed, links } = Needed::new(&self.forces, &owned, &cells, &ownership);
+        let halo = Halo::of_links(&ownership, links.into_iter());
         let nodes: Vec<Point3<f64>> = owned.iter().map(|k| self.nodes()[*k as usize]).collect();
         let field = Arc::new(PartField {
             body: self.field(),
-            portion: portion.clone(),
+            owned: ownership,
             nodes: nodes.clone(),
         });
         // Kept for the assembled stiffness, which stays that of the whole body.
@@ -207,7 +209,7 @@ impl CnemModel {
         let reach = Reach::new(halo, |k| needed.partition_point(|n| *n < k) as u32);
         self.part = Some(Part {
             nodes,
-            field: field.clone(),
+            field,
             x: vec![0.0; 3 * needed.len()],
             cells,
             needed,
@@ -217,7 +219,7 @@ impl CnemModel {
             reach,
             around: OnceLock::new(),
         });
-        Ok(Shared { portion, field })
+        Ok(())
     }
 
     /// Hash of cells, material and weights: equal on ranks that hold the same body.

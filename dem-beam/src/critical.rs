@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::kernel::law::Linear;
 use crate::model::forces::{BondForces, Gather};
 use crate::particles::BondedParticles;
-use arlequin_core::ranks::Portion;
+use arlequin_core::Owned;
 use arlequin_core::{DofLayout, spectrum};
 use nalgebra::Matrix6;
 
@@ -68,16 +68,16 @@ pub fn lanczos(body: &BondedParticles) -> Result<f64> {
     let inertia = body.mass().iter().chain(body.inertia());
     let root: Vec<f64> = inertia.flat_map(|m| [root(m); 3]).collect();
     let mut bonds = Gather::<Linear>::new(body);
-    step_from_eigenvalue(largest((&root, layout, None), &mut bonds)?)
+    step_from_eigenvalue(largest((&root, layout, &Owned::whole(body.len())), &mut bonds)?)
 }
 
 /// Returns an upper estimate of the largest eigenvalue of `R K R`, with `R = diag(root)` and the stiffness
 /// `K` of the bonds.
 pub(crate) fn largest(
-    (root, layout, portion): (&[f64], DofLayout, Option<&Portion>),
+    (root, layout, owned): (&[f64], DofLayout, &Owned),
     bonds: &mut dyn BondForces,
 ) -> arlequin_core::Result<f64> {
-    spectrum::largest_ritz(root, layout, portion, &mut |q, f| Ok(bonds.add(q, f, None)?))
+    spectrum::largest_ritz(root, layout, owned, &mut |q, f| Ok(bonds.add(q, f, None)?))
 }
 
 fn step_from_eigenvalue(lambda: f64) -> Result<f64> {

@@ -12,10 +12,10 @@ use crate::mesh::Mesh;
 use crate::portion::Part;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::ranks::{Communicator, Portion};
+use arlequin_core::ranks::Communicator;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Gradients, Interpolation, LinearModel, Materials, Model,
-    Patches, Real, Recovery, Shared, Weight, advice, check_size, spectrum,
+    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Owned, Patches,
+    Real, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -252,7 +252,7 @@ impl<T: Real> Model<T> for FemModel<T> {
             // The forces have just received the displacements of ghosts.
             Some(part) => self
                 .stiffness
-                .energy_of_all(q, part.displacements(), Some(part.portion())),
+                .energy_over_ranks(part.owned(), q, part.displacements()),
             None => self.stiffness.energy(q),
         })
     }
@@ -262,37 +262,40 @@ impl<T: Real> Model<T> for FemModel<T> {
         let Some(part) = &self.part else {
             return self.stiffness.energy(q);
         };
-        // The portion keeps the failure, and its sums are then NaN.
+        // After a failure of the exchange, sums over ranks are NaN.
         let x = part.receive(q).unwrap_or_else(|_| part.displacements().to_vec());
-        self.stiffness.energy_of_all(q, &x, Some(part.portion()))
+        self.stiffness.energy_over_ranks(part.owned(), q, &x)
     }
 
     fn critical_step(&mut self, inverse_inertia: &[T]) -> arlequin_core::Result<T> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
-        let (layout, portion) = (self.layout(), self.part.as_ref().map(Part::shared_portion));
-        let portion = portion.as_deref();
+        let (layout, owned) = (self.layout(), self.owned());
         let forces = &mut |q: &[T], f: &mut [T]| self.add_internal_forces(q, f);
-        spectrum::critical_step_of_nodes(inverse_inertia, layout, portion, forces)
+        spectrum::critical_step_of_nodes(inverse_inertia, layout, &owned, forces)
     }
 
-    fn partition_among(&mut self, communicator: &Arc<dyn Communicator>) -> arlequin_core::Result<Shared<T>> {
-        self.keep_part(communicator)
+    fn partition_among(
+        &mut self,
+        communicator: &Arc<dyn Communicator>,
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<T>>> {
+        self.keep_part(communicator)?;
+        Ok(self.field())
     }
 
-    fn portion(&self) -> Option<&Portion> {
-        self.part.as_ref().map(Part::portion)
+    fn owned(&self) -> Owned {
+        let nodes = self.nodes().len();
+        self.part
+            .as_ref()
+            .map_or(Owned::whole(nodes), |p| p.owned().clone())
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<T>> {
-        Some(self)
-    }
-
-    fn gradients(&self) -> Option<&dyn Gradients<T>> {
-        (self.part.is_none() && self.mesh().kind() != ElementKind::Bar2).then_some(self)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<T>> {
-        self.part.is_none().then_some(self as _)
+    fn views(&self) -> Views<'_, T> {
+        let is_whole = self.part.is_none();
+        let mut views = Views::default();
+        views.recovery = Some(self);
+        views.linear = is_whole.then_some(self as _);
+        views.gradients = (is_whole && self.mesh().kind() != ElementKind::Bar2).then_some(self as _);
+        views
     }
 }
 

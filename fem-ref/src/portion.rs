@@ -11,8 +11,8 @@ use crate::mesh::Mesh;
 use crate::model::FemModel;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::ranks::{Communicator, Halo, Message, Portion, RankError, Reach, Unit};
-use arlequin_core::{Error, Model, Real, Result, Shared};
+use arlequin_core::ranks::{Communicator, Halo, Message, RankError, Reach, Unit};
+use arlequin_core::{Error, Model, Owned, Real, Result};
 use nalgebra::Point3;
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -45,12 +45,8 @@ pub(crate) struct Part<T: Real> {
 }
 
 impl<T: Real> Part<T> {
-    pub(crate) fn portion(&self) -> &Portion {
-        self.reach.halo().portion()
-    }
-
-    pub(crate) fn shared_portion(&self) -> Arc<Portion> {
-        self.reach.halo().portion().clone()
+    pub(crate) fn owned(&self) -> &Owned {
+        self.reach.halo().owned()
     }
 
     /// Number of a mesh node among the owned nodes; `None` for a node of another rank.
@@ -132,7 +128,7 @@ impl<T: Real> Part<T> {
             named.dedup();
             links.extend(named.iter().map(|j| [i, *j].map(|k| self.numbers[k as usize])));
         }
-        let halo = Halo::of_links(self.shared_portion(), links.into_iter());
+        let halo = Halo::of_links(self.owned(), links.into_iter());
         Reach::new(halo, |k| among(&self.numbers, k))
     }
 }
@@ -164,9 +160,9 @@ struct Needed {
 }
 
 impl Needed {
-    fn new<T: Real>(mesh: &Mesh<T>, portion: &Portion) -> Self {
+    fn new<T: Real>(mesh: &Mesh<T>, nodes: &Owned) -> Self {
         let mut owned: Vec<bool> = vec![false; mesh.nodes().len()];
-        (0..portion.nodes()).for_each(|i| owned[portion.global(i)] = true);
+        (0..nodes.nodes()).for_each(|i| owned[nodes.global(i)] = true);
         let touching = |nodes: &[bool]| -> Vec<u32> {
             let touches = |e: &u32| mesh.element(*e as usize).iter().any(|k| nodes[*k as usize]);
             (0..mesh.element_count() as u32).filter(touches).collect()
@@ -215,7 +211,7 @@ impl<T: Real> FemModel<T> {
     }
 
     /// Partitions the body by the work of its units and restricts it to the part of this rank. Collective.
-    pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<T>> {
+    pub(crate) fn keep_part(&mut self, communicator: &Arc<dyn Communicator>) -> Result<()> {
         if self.part.is_some() {
             return Err(Error::Unsupported {
                 model: self.name.clone(),
@@ -224,23 +220,19 @@ impl<T: Real> FemModel<T> {
         }
         let what = format!("the mesh of '{}', its materials or its weights", self.name);
         let digest = (&*what, self.digest());
-        let portion = Portion::bisected(communicator, digest, self.nodes().len(), &self.units())?;
-        let needed = Needed::new(self.mesh(), &portion);
-        self.part = Some(self.restrict(&portion, &needed));
-        let field = self.field();
-        Ok(Shared { portion, field })
+        let owned = Owned::bisected(communicator, digest, self.nodes().len(), &self.units())?;
+        let needed = Needed::new(self.mesh(), &owned);
+        self.part = Some(self.restrict(&owned, &needed));
+        Ok(())
     }
 
     /// Restricts the matrices, masses and mesh of the model to what the part needs, and returns the part.
-    fn restrict(&mut self, portion: &Arc<Portion>, needed: &Needed) -> Part<T> {
+    fn restrict(&mut self, ownership: &Owned, needed: &Needed) -> Part<T> {
         let whole = self.mesh();
         let (kind, section) = (whole.kind(), whole.section());
         // Places ascend with the numbers in the whole body, so that sums over rows keep their order.
         let place = |k: u32| among(&needed.nodes, k);
-        let reach = Reach::new(
-            Halo::of_links(portion.clone(), needed.links.iter().copied()),
-            place,
-        );
+        let reach = Reach::new(Halo::of_links(ownership, needed.links.iter().copied()), place);
         let owned = reach.own();
         let mut rows = vec![NONE; needed.nodes.len()];
         (0..).zip(owned).for_each(|(i, k)| rows[*k as usize] = i);
@@ -257,7 +249,7 @@ impl<T: Real> FemModel<T> {
             owned_nodes.clone(),
             inner.flatten().copied().collect(),
         );
-        let globals = (0..portion.nodes()).map(|i| portion.global(i));
+        let globals = (0..ownership.nodes()).map(|i| ownership.global(i));
         self.stiffness = self.stiffness.some_rows(globals, nodes.len(), place);
         let elements = || needed.elements.iter().map(|e| *e as usize);
         let n = kind.corners();

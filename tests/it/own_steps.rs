@@ -16,7 +16,7 @@ use arlequin_studies::line::{COARSE, FINE, Line, rest};
 use arlequin_studies::{cantilever, waves};
 
 fn dense(c: &Coupled<f64>, side: usize) -> DMatrix<f64> {
-    let k = c.subdomains()[side].model().as_linear().unwrap().stiffness();
+    let k = c.subdomains()[side].model().views().linear.unwrap().stiffness();
     let mut out = DMatrix::zeros(k.rows(), k.cols());
     k.iter().for_each(|(v, (i, j))| out[(i, j)] += *v);
     out

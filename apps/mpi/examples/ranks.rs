@@ -17,7 +17,7 @@
 )]
 
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::ranks::{self, Communicator, Division, Message, RankError, Reduction};
+use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction};
 use arlequin_core::{
     Coupled, Guard, InterfaceSpec, L2, Model, Partition, Profile, Ramp, Sampling, Silent, Slab, Solver,
     Subdomain, TimeStep, Uniform, Weights,
@@ -233,8 +233,8 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
         );
     }
     let s = &run.subdomains()[0];
-    let imbalance = s.portion().map_or(0.0, |p| p.division().imbalance());
-    let held = match s.model().links() {
+    let imbalance = s.owned().portion().map_or(0.0, |p| p.division().imbalance());
+    let held = match s.model().views().links {
         // Bonds of owned particles name owned particles and ghosts.
         Some(links) => links
             .pairs()
@@ -316,10 +316,10 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         interfaces.push(spec);
     }
     let n = model.layout().dofs();
-    let global = |i: usize| model.portion().map_or(i, |p| p.global(i));
+    let global = |i: usize| model.owned().global(i);
     let speed = |k: usize| (0.37 * (3 * global(k / 3) + k % 3) as f64).sin();
     let v = (0..n).map(|k| if k < n / 2 { speed(k) } else { 0.0 }).collect();
-    let in_parts = model.portion().is_some();
+    let in_parts = model.owned().is_part();
     let side = Subdomain::fine(model, weights)
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)?;
@@ -366,8 +366,8 @@ fn sums(cells: usize) -> Result<(), Failure> {
     let [plain, exact] = pool.install(|| {
         let plain = least(&|| parallel::sum(x.len(), &|r| x[r].iter().map(|x| x * x).sum()));
         let exact = least(&|| {
-            let mut sum = ranks::Exact::zero();
-            ranks::add_products(&layout, &x, &x, &mut sum);
+            let mut sum = arlequin_core::Exact::zero();
+            arlequin_core::add_products(&layout, &x, &x, &mut sum);
             sum.value()
         });
         [plain, exact]

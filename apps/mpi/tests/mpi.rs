@@ -31,7 +31,7 @@ fn cube(finite: bool) -> DemModel {
 fn digest(model: &dyn Model<f64>, vectors: &[&[f64]]) -> i64 {
     let n = model.layout().nodes;
     let hash = |i: usize| {
-        let place = model.portion().map_or(i, |p| p.global(i)) as u64;
+        let place = model.owned().global(i) as u64;
         let six = |x: &&[f64]| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
         let numbers = vectors.iter().flat_map(six);
         let mixed = numbers.fold(place, |h, x| {
@@ -47,7 +47,7 @@ fn digest(model: &dyn Model<f64>, vectors: &[&[f64]]) -> i64 {
 /// Makes steps with everything in motion and returns the bits of the state and of the ledger.
 fn steps(model: DemModel) -> arlequin_core::Result<(i64, Vec<u64>)> {
     let n = model.layout().nodes;
-    let place = |i: usize| model.portion().map_or(i, |p| p.global(i));
+    let place = |i: usize| model.owned().global(i);
     let velocity = |k: usize| [1.0, 2e3][k / (3 * n)] * (1.7 * (6 * place(k / 3 % n) + k % 3) as f64).sin();
     let v = (0..6 * n).map(velocity).collect();
     let side = Subdomain::fine(model, Weights::from_weight(Arc::new(Uniform(1.0))))

@@ -5,7 +5,7 @@ use crate::error::Fault;
 use crate::plug::{Described, as_described, inertia};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::sprs::CsMat;
-use arlequin::core::{DofLayout, Error, LinearModel, Model, Result, Weight, parallel};
+use arlequin::core::{DofLayout, Error, LinearModel, Model, Result, Views, Weight, parallel};
 use pyo3::prelude::*;
 
 /// A model whose stiffness matrix comes from Python. Its forces `f = −K q` are computed in Rust.
@@ -108,8 +108,10 @@ impl Model<f64> for MatrixModel {
         0.5 * parallel::sum(q.len(), &part)
     }
 
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        Some(self)
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.linear = Some(self);
+        views
     }
 }
 

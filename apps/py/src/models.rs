@@ -205,7 +205,7 @@ impl NativeModel {
     #[pyo3(signature = (weights = None))]
     fn _stiffness<'py>(&self, py: Python<'py>, weights: Option<&Weights>) -> PyResult<Csr<'py>> {
         let stiffness = self.weighted(weights, |m, _| {
-            let Some(linear) = m.as_linear() else {
+            let Some(linear) = m.views().linear else {
                 let rule = format!("model '{}' cannot tell a stiffness: it is not linear", self.name);
                 return Err(Fault::new("Unsupported", rule));
             };

@@ -20,7 +20,7 @@ pub struct RankLine {
 impl RankLine {
     /// Adds the load imbalance \[%\] of a partitioned model to the words.
     pub(crate) fn add_imbalance(&mut self, subdomain: &Subdomain<f64>) {
-        if let Some(portion) = subdomain.portion() {
+        if let Some(portion) = subdomain.owned().portion() {
             let most = 100.0 * portion.division().imbalance();
             self.words += &format!(", {most:.1} % more work than the mean at most");
         }
@@ -145,12 +145,6 @@ impl Ranks {
 /// The lowest rank that failed returns its error as [`Error::Agreed`], all others [`Error::Elsewhere`].
 pub fn together<R>(communicator: Option<&Arc<dyn Communicator>>, result: Result<R>) -> Result<R> {
     Ranks::from_communicator(communicator.cloned()).together(result)
-}
-
-/// Returns the communication failure of a partitioned model as an error, if there was one.
-pub(crate) fn check_exchange(s: &Subdomain<f64>) -> Result<()> {
-    let failure = s.portion().and_then(|p| p.failure());
-    failure.map_or(Ok(()), |e| Err(elsewhere(e.clone())))
 }
 
 /// Wraps an error between ranks.

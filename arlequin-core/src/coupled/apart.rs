@@ -14,13 +14,12 @@
 //! amplitude, and the directions of the axes do not matter.
 
 use super::ledger::DisplacementJump;
-use crate::Real;
 use crate::interface::{Interface, coupled_nodes};
-use crate::ranks::{self, Cuts, Exact, Portion};
+use crate::owned::{Cuts, Owned};
 use crate::subdomain::Subdomain;
+use crate::{Exact, Real};
 use nalgebra::{Matrix3, Matrix4, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Units of round-off by which equal displacements may differ, per own step.
 const DIGITS: f64 = 16.0;
@@ -44,8 +43,6 @@ pub(super) struct Overlap<T: Real> {
     inverse: Matrix3<T>,
     /// Boundaries between units of summation in the nodes of each side.
     cuts: [Cuts; 2],
-    /// This rank's part of each partitioned side.
-    portions: [Option<Arc<Portion>>; 2],
     /// Reference node, from whose displacement others are counted: the first node of the coarse side. `None`
     /// if there is none, otherwise whether this rank has it.
     reference_is_local: Option<bool>,
@@ -100,30 +97,27 @@ impl<T: Real> Overlap<T> {
         let least = spread.trace() * T::epsilon() * T::of(DIGITS);
         Self {
             inverse: inertia.pseudo_inverse(least).unwrap_or_else(|_| Matrix3::zeros()),
-            cuts: nodes.each_ref().map(|n| cuts(n)),
+            cuts: nodes.each_ref().map(|n| cuts(&Owned::whole(n.len()), n)),
             nodes,
             components,
             mass,
             spread,
-            portions: [None, None],
             reference_is_local,
             steady: (T::zero(), 0),
         }
     }
 
     /// Keeps this rank's nodes of partitioned models.
-    pub(super) fn restrict(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
-        for (m, portion) in portions.into_iter().enumerate() {
-            let Some(portion) = portion else { continue };
+    pub(super) fn restrict(&mut self, owned: [&Owned; 2]) {
+        for (m, owned) in owned.into_iter().enumerate() {
             let nodes = &mut self.nodes[m];
             // Before `retain`: the reference node may be on another rank.
             if m == 0 {
-                self.reference_is_local = nodes.first().map(|n| portion.local(n.index).is_some());
+                self.reference_is_local = nodes.first().map(|n| owned.local(n.index).is_some());
             }
-            nodes.retain(|n| portion.local(n.index).is_some());
-            (nodes.iter_mut()).for_each(|n| n.index = portion.local(n.index).unwrap_or_default());
-            self.cuts[m] = cuts(nodes);
-            self.portions[m] = Some(portion.clone());
+            nodes.retain(|n| owned.local(n.index).is_some());
+            (nodes.iter_mut()).for_each(|n| n.index = owned.local(n.index).unwrap_or_default());
+            self.cuts[m] = cuts(owned, nodes);
         }
     }
 
@@ -190,7 +184,7 @@ impl<T: Real> Overlap<T> {
                 }
                 std::array::from_fn::<T, 12, _>(|k| if k < 3 { mean[k] } else { tilt[k - 3] })
             };
-            let sums = self.cuts[m].sum(self.portions[m].as_deref(), 12, &part);
+            let sums = self.cuts[m].sum(12, &part);
             mean += Vector3::from_column_slice(&sums[..3]);
             tilt += Matrix3::from_column_slice(&sums[3..]);
         }
@@ -222,8 +216,10 @@ impl<T: Real> Overlap<T> {
                 top = top.max(remainder.norm_squared());
             }
         }
-        let portion = self.portions.iter().flatten().next();
-        ranks::largest(portion.map(|p| &**p), top).sqrt()
+        // Either partitioned side has the communicator of both.
+        let owned = self.cuts.each_ref().map(Cuts::owned);
+        let owned = if owned[0].is_part() { owned[0] } else { owned[1] };
+        owned.largest(top).sqrt()
     }
 
     /// Returns the displacement of the reference node on all ranks; `None` if the coarse side has no node.
@@ -234,22 +230,23 @@ impl<T: Real> Overlap<T> {
         let is_local = self.reference_is_local?;
         let local =
             (self.nodes[0].first().filter(|_| is_local)).map_or_else(Vector3::zeros, |n| displacement(0, n));
-        let Some(portion) = &self.portions[0] else {
+        let owned = self.cuts[0].owned();
+        if !owned.is_part() {
             return Some(local);
-        };
+        }
         // One rank has the node, the others add zero: the all-reduce is a broadcast.
         let sums = [0, 1, 2].map(|c| {
             let mut sum = Exact::zero();
             sum.add(local[c].as_f64());
             sum
         });
-        Some(Vector3::from(portion.total(sums).map(T::of)))
+        Some(Vector3::from(owned.total(sums).map(T::of)))
     }
 }
 
 /// Returns the boundaries between units of summation in a list of nodes.
-fn cuts<T: Real>(nodes: &[Node<T>]) -> Cuts {
-    Cuts::at_units(nodes.iter().map(|n| n.index))
+fn cuts<T: Real>(owned: &Owned, nodes: &[Node<T>]) -> Cuts {
+    Cuts::at_units(owned.clone(), nodes.iter().map(|n| n.index))
 }
 
 /// Returns the rotation `R` for which `R y` is nearest to `x`, from the moment `Σ m x yᵀ` (Horn 1987).

@@ -19,7 +19,7 @@ use super::{Coupled, ROUND_OFF, portions};
 use crate::interface::joint::Joint;
 use crate::subdomain::Subdomain;
 use crate::weight::Weighting;
-use crate::{Error, Real, Result, parallel, ranks};
+use crate::{Error, Real, Result, parallel};
 
 /// Largest share of the energy in play that effects may create. Sound laws create none but for round-off and
 /// for the work, within a step, of forces that they do not know (multipliers): decision 0011 has the figures.
@@ -188,7 +188,7 @@ impl<T: Real> Coupled<T> {
     fn top_speed(&self) -> T {
         let speed = |s: &Subdomain<T>| {
             let largest = parallel::largest(&s.state().v[..s.model().layout().translations()]);
-            ranks::largest(s.portion(), largest)
+            s.owned().largest(largest)
         };
         let speeds = self.subdomains.iter().map(speed);
         speeds.fold(self.ledger.top_velocity, |a, b| a.max(b))

@@ -20,7 +20,7 @@ use super::Coupled;
 use super::warning::Warning;
 use crate::subdomain::OwnStep;
 use crate::weight::Weighting;
-use crate::{Real, Subdomain, ranks};
+use crate::{Real, Subdomain};
 use nalgebra::{Vector2, Vector3};
 use std::ops::Range;
 
@@ -225,7 +225,7 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
         });
         total.into()
     };
-    ranks::sum(layout.nodes, s.portion(), &part).into()
+    s.owned().sum(&part).into()
 }
 
 /// Returns the terms of [`Body::moved`] of one subdomain, over all ranks.
@@ -247,7 +247,7 @@ fn moved_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Vecto
         });
         total.into()
     };
-    ranks::sum(layout.nodes, s.portion(), &part).into()
+    s.owned().sum(&part).into()
 }
 
 impl<T: Real> Subdomain<T> {
@@ -359,7 +359,7 @@ impl<T: Real> Coupled<T> {
                     [a + m * y.x, b + m * y.y, c + m * y.z, total + m]
                 })
             };
-            let [x, y, z, total] = ranks::sum(nodes.len(), s.portion(), &part);
+            let [x, y, z, total] = s.owned().sum(&part);
             sum += Vector3::new(x, y, z);
             mass += total;
         }
@@ -376,7 +376,7 @@ impl<T: Real> Coupled<T> {
             laws.push((format!("the law of '{name}'"), s.model().arms()));
             // A support may lie on another rank: all ranks must come to the same claim.
             let held = s.supports().iter().map(|m| m.dofs.len()).sum::<usize>();
-            if ranks::largest(s.portion(), T::of(held as f64)) > T::zero() {
+            if s.owned().largest(T::of(held as f64)) > T::zero() {
                 outside.get_or_insert(format!("supports of '{name}'"));
             }
             if s.weights().weighting == Weighting::Nodal {

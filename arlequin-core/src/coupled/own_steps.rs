@@ -2,12 +2,11 @@
 
 use super::{Coupled, pair};
 use crate::interface::Interface;
+use crate::owned::{Cuts, Owned};
 use crate::phase::Phase;
-use crate::ranks::{Cuts, Portion};
 use crate::subdomain::{Announce, StepEnd, Subdomain};
 use crate::{Real, Result};
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Group of subdomains that step together because effects act between them.
 #[derive(Debug, Clone)]
@@ -51,17 +50,15 @@ struct HeldSide<T> {
     /// Multiplier, unknown, entry with the sign of the force; sorted by unknowns.
     entries: Vec<(usize, usize, T)>,
     cuts: Cuts,
-    portion: Option<Arc<Portion>>,
 }
 
 impl<T: Real> HeldSide<T> {
-    fn new(mut entries: Vec<(usize, usize, T)>, components: usize) -> Self {
+    fn new(owned: &Owned, mut entries: Vec<(usize, usize, T)>, components: usize) -> Self {
         // Sums run over units of nodes, so entries are sorted by unknowns.
         entries.sort_by_key(|e| (e.1, e.0));
         Self {
-            cuts: Cuts::at_units(entries.iter().map(|e| e.1 / components)),
+            cuts: Cuts::at_units(owned.clone(), entries.iter().map(|e| e.1 / components)),
             entries,
-            portion: None,
         }
     }
 }
@@ -80,22 +77,18 @@ impl<T: Real> Held<T> {
             let matrix = interface.coupling_matrix(m)?;
             let matching = matrix.iter().filter(|(_, (_, j))| moving.contains(j));
             let entries = matching.map(|(b, (i, j))| (i, j, sign * *b)).collect();
-            Some(HeldSide::new(entries, components))
+            Some(HeldSide::new(&s.owned(), entries, components))
         });
         Self { sides, components }
     }
 
     /// Keeps this rank's entries of partitioned models.
-    pub(super) fn restrict(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
+    pub(super) fn restrict(&mut self, owned: [&Owned; 2]) {
         let d = self.components;
-        for (side, portion) in self.sides.iter_mut().zip(portions) {
-            let (Some(side), Some(portion)) = (side, portion) else {
-                continue;
-            };
-            let local_entry =
-                |(i, j, b): &(usize, usize, T)| Some((*i, portion.local(j / d)? * d + j % d, *b));
-            *side = HeldSide::new(side.entries.iter().filter_map(local_entry).collect(), d);
-            side.portion = Some(portion.clone());
+        for (side, owned) in self.sides.iter_mut().zip(owned) {
+            let Some(side) = side else { continue };
+            let local_entry = |(i, j, b): &(usize, usize, T)| Some((*i, owned.local(j / d)? * d + j % d, *b));
+            *side = HeldSide::new(owned, side.entries.iter().filter_map(local_entry).collect(), d);
         }
     }
 
@@ -107,7 +100,7 @@ impl<T: Real> Held<T> {
                 let entries = side.entries[range].iter();
                 [entries.map(|(i, j, b)| *b * lambda[*i] * v[*j]).sum()]
             };
-            Some(side.cuts.sum(side.portion.as_deref(), 1, &part)[0])
+            Some(side.cuts.sum(1, &part)[0])
         };
         self.sides.iter().zip(v).filter_map(side_power).sum()
     }

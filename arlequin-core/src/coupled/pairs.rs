@@ -108,8 +108,9 @@ impl<T: Real> Coupled<T> {
     /// model.
     pub fn watch(&self) -> Vec<(String, Finding)> {
         let missing = |s: &Subdomain<T>| {
-            let is_on =
-                |name: &str| s.effects().any(|e| e.name() == name) || s.model().effects().contains(&name);
+            let is_on = |name: &str| {
+                s.effects().any(|e| e.name() == name) || s.model().views().effects.contains(&name)
+            };
             let findings = s.watch();
             findings
                 .into_iter()

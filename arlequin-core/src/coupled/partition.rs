@@ -183,7 +183,7 @@ impl<'a, T: Real> Group<'a, T> {
         let member = |&k: &usize| {
             let s = &subdomains[k];
             Member {
-                extent: Extent::new(&**s.field(), s.model().particles()),
+                extent: Extent::new(&**s.field(), s.model().views().particles),
                 subdomain: s,
             }
         };

@@ -5,9 +5,8 @@ use super::own_steps::Held;
 use crate::effect::PairSpec;
 use crate::interface::joint::Joint;
 use crate::interface::{Interface, InterfaceSpec};
-use crate::ranks::agree as agree_on;
 use crate::subdomain::{OwnStep, Subdomain};
-use crate::{Error, Real, Result};
+use crate::{Error, Owned, Real, Result};
 
 /// Refuses combinations that partitioned models do not support.
 pub(super) fn check<T: Real>(
@@ -16,7 +15,8 @@ pub(super) fn check<T: Real>(
     pairs: &[PairSpec<T>],
 ) -> Result<()> {
     for (k, s) in subdomains.iter().enumerate() {
-        let held = s.portion().map(|p| p.division().ranks());
+        let owned = s.owned();
+        let held = owned.is_part().then(|| owned.ranks());
         let Some(ranks) = held.or_else(|| s.ranks()) else {
             continue;
         };
@@ -54,42 +54,38 @@ pub(super) fn partition_models<T: Real>(
     overlaps: &mut [Overlap<T>],
     held: &mut [Held<T>],
 ) -> Result<()> {
-    let portions = subdomains.iter_mut().map(Subdomain::partition_model);
-    let portions: Vec<_> = portions.collect::<Result<_>>()?;
+    subdomains.iter_mut().try_for_each(Subdomain::partition_model)?;
+    let owned: Vec<_> = subdomains.iter().map(Subdomain::owned).collect();
     for ((i, overlap), held) in interfaces.iter_mut().zip(overlaps).zip(held) {
-        let side_portions = i.sides().map(|s| portions[s].as_ref());
-        i.partition_among(side_portions);
-        overlap.restrict(side_portions);
-        held.restrict(side_portions);
+        let of_sides = i.sides().map(|s| &owned[s]);
+        i.restrict(of_sides);
+        overlap.restrict(of_sides);
+        held.restrict(of_sides);
     }
-    joints.iter_mut().for_each(|j| j.partition_among(&portions));
+    joints.iter_mut().for_each(|j| j.restrict(&owned));
     Ok(())
 }
 
 /// Returns the first error of the communication between ranks, if there was one.
 pub(super) fn check_communication<T: Real>(subdomains: &[Subdomain<T>]) -> Result<()> {
-    let mut failures = subdomains.iter().filter_map(|s| s.portion()?.failure());
-    failures.next().map_or(Ok(()), |e| Err(e.clone().into()))
+    subdomains
+        .iter()
+        .try_for_each(|s| s.owned().check_communication())
 }
 
 /// Checks that the energy has the same bits on all ranks: each rank computes models that are not partitioned
 /// by itself. Collective.
 pub(super) fn agree<T: Real>(subdomains: &[Subdomain<T>], energy: T, step: usize) -> Result<()> {
-    let mut portions = subdomains.iter().filter_map(Subdomain::portion);
-    let Some(portion) = portions.next() else {
+    let Some(owned) = subdomains.iter().map(Subdomain::owned).find(Owned::is_part) else {
         return Ok(());
     };
     let what = format!("the energy of step {step} (processors of different kinds)");
-    Ok(agree_on(
-        portion.communicator(),
-        &what,
-        energy.as_f64().to_bits(),
-    )?)
+    owned.agree(&what, energy.as_f64().to_bits())
 }
 
 /// Refuses an action that needs every model whole on this rank.
 pub(super) fn require_whole<T: Real>(subdomains: &[Subdomain<T>], what: &str) -> Result<()> {
-    let parted = |s: &&Subdomain<T>| s.portion().is_some();
+    let parted = |s: &&Subdomain<T>| s.owned().is_part();
     subdomains.iter().find(parted).map_or(Ok(()), |s| {
         Err(Error::Unsupported {
             model: s.model().name().to_owned(),

@@ -10,9 +10,9 @@
 //! resultant, nor do multipliers over both sides, so that reactions, loads and inertia balance to round-off.
 
 use super::Coupled;
+use crate::Exact;
 use crate::energy_release::EnergyRelease;
 use crate::error::invalid;
-use crate::ranks::Exact;
 use crate::scalar::check_finite;
 use crate::subdomain::Resultant;
 use crate::{Real, Result};

@@ -239,8 +239,8 @@ impl<T: Real> Coupled<T> {
                 s.model().name().to_owned(),
                 s.model().kind().to_owned(),
                 // Counts are those of whole models on every rank.
-                s.nodes_in_all(),
-                s.nodes_in_all() * (layout.components + layout.rotations),
+                s.owned().nodes_of_whole(),
+                s.owned().whole_layout(&layout).dofs(),
                 c.as_f64(),
             )
         });

@@ -3,7 +3,7 @@
 use super::ledger::DisplacementJump;
 use super::{Coupled, ROUND_OFF, pair};
 use crate::subdomain::Subdomain;
-use crate::{Error, Real, Result, ranks};
+use crate::{Error, Real, Result};
 
 /// Largest accepted jump of the initial displacements beside an external solver, relative to the largest
 /// displacement: the core cannot change the solver's displacements.
@@ -108,7 +108,7 @@ impl<T: Real> Coupled<T> {
                 let layout = s.model().layout();
                 let q = s.state().q[..layout.translations()].chunks_exact(layout.components);
                 let squares = q.map(|u| u.iter().map(|x| *x * *x).sum::<T>());
-                ranks::largest(s.portion(), squares.fold(T::zero(), |m, x| m.max(x))).sqrt()
+                s.owned().largest(squares.fold(T::zero(), |m, x| m.max(x))).sqrt()
             });
             let largest = largest[0].max(largest[1]);
             i.report.start_jump = jump.as_f64();
@@ -135,7 +135,7 @@ impl<T: Real> Coupled<T> {
         let change = |(s, before): (&usize, &Vec<T>)| {
             let entries = self.subdomains[*s].state().q.iter().zip(before);
             let largest = entries.fold(T::zero(), |m, (a, b)| m.max((*a - *b).abs()));
-            ranks::largest(self.subdomains[*s].portion(), largest)
+            self.subdomains[*s].owned().largest(largest)
         };
         let most = models
             .iter()

@@ -52,7 +52,7 @@ impl<T: Real> System<T> {
 
     /// Adds stiffness, loads and supports of a subdomain whose unknowns begin at `start`, at time `t` \[s\].
     fn add(&mut self, s: &mut Subdomain<T>, start: usize, t: T) -> Result<()> {
-        let Some(linear) = s.model().as_linear() else {
+        let Some(linear) = s.model().views().linear else {
             let what = "be solved statically: it is not linear, or weighted at its nodes".into();
             return Err(Error::Unsupported {
                 model: s.model().name().into(),

@@ -71,7 +71,7 @@ pub(super) fn tied_shares<T: Real>(interface: &Interface<T>, subdomains: &[Subdo
     [0, 1].map(|m| {
         let [s, partner] = [m, 1 - m].map(|m| &subdomains[interface.sides[m]]);
         let coupled = coupled_nodes(&interface.coupling[m], interface.components());
-        let particles = s.model().particles();
+        let particles = s.model().views().particles;
         let (mut held, mut total) = (0.0, 0.0);
         for (k, x) in s.model().nodes().iter().enumerate() {
             // Both weights must be shared, as a model may share other places with other partners.

@@ -11,9 +11,9 @@ use crate::field::{Interpolation, ShapeRow};
 use crate::interface::{Rows, add_at};
 use crate::linalg::SpdFactor;
 use crate::model::{Arms, DofLayout};
-use crate::ranks::{Exact, Gather, Message, Portion};
+use crate::ranks::{Gather, Message};
 use crate::scalar::dot;
-use crate::{Error, Real, Result, parallel};
+use crate::{Error, Exact, Owned, Real, Result, parallel};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use sprs::{CsMat, TriMat};
@@ -132,8 +132,8 @@ impl<T: Real> AttachedAbsorber<T> {
     }
 
     /// Sets up the exchange of velocities with other ranks. `nodes` are numbers in the whole model.
-    fn with_exchange(mut self, portion: &Arc<Portion>, nodes: &[usize]) -> Self {
-        let gather = Gather::new(portion.clone(), 1, nodes.iter().copied());
+    fn with_exchange(mut self, owned: &Owned, nodes: &[usize]) -> Self {
+        let gather = Gather::new(owned, 1, nodes.iter().copied());
         self.local_nodes = gather.own().to_vec();
         self.nodes = (0..nodes.len() as u32).collect();
         self.exchange = Some(VelocityExchange {
@@ -276,9 +276,10 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             let rule = "the resolved space must be coarser than the model";
             invalid("absorber", counts, rule)
         })?;
-        Ok(Box::new(match host.shared()? {
-            Some(portion) => absorber.with_exchange(portion, &nodes),
-            None => absorber,
+        let owned = host.owned()?;
+        Ok(Box::new(match owned.is_part() {
+            true => absorber.with_exchange(&owned, &nodes),
+            false => absorber,
         }))
     }
 }
@@ -300,37 +301,32 @@ impl<T: Real> Absorber<T> {
     fn candidates(&self, host: &Host<'_, T>) -> Result<Vec<Place<T>>> {
         let d = host.model.layout().components;
         let nodes = host.model.nodes().iter().enumerate();
+        let owned = host.owned()?;
         let nodes = nodes.map(|(k, x)| Place {
-            node: host.portion.map_or(k, |p| p.global(k)),
+            node: owned.global(k),
             x: *x,
             mass: host.inertia[k * d],
         });
-        let Some(portion) = host.shared()? else {
+        if !owned.is_part() {
             return Ok(nodes.collect());
-        };
+        }
         let mut row = ShapeRow::default();
-        let mut words = Vec::new();
+        let mut rows = Vec::new();
         for p in nodes {
             let outside = self.resolved.shape_at(&p.x, false, &mut row);
             // Points with other errors go to all ranks, so that all of them report the error in `attach`.
             if !matches!(outside, Err(Error::OutsideDomain { .. })) {
-                // The all-gather carries integers: send the numbers as their bits.
-                let numbers = [p.x.x, p.x.y, p.x.z, p.mass].map(|x| x.as_f64().to_bits().cast_signed());
-                words.push(p.node as i64);
-                words.extend(numbers);
+                rows.push((p.node, [p.x.x, p.x.y, p.x.z, p.mass].map(T::as_f64)));
             }
         }
-        let mut words = portion.all_gather(&words)?;
-        let words = words.as_chunks_mut::<5>().0;
         // In the order of the model, so that the result does not depend on the partition.
-        words.sort_unstable_by_key(|w| w[0]);
-        let real = |w: i64| T::of(f64::from_bits(w.cast_unsigned()));
-        let place = |&[node, x, y, z, mass]: &[i64; 5]| Place {
-            node: node as usize,
-            x: Point3::new(real(x), real(y), real(z)),
-            mass: real(mass),
+        let rows = owned.all_gather_rows(rows)?.into_iter();
+        let place = |(node, numbers): (usize, [f64; 4])| {
+            let [x, y, z, mass] = numbers.map(T::of);
+            let x = Point3::new(x, y, z);
+            Place { node, x, mass }
         };
-        Ok(words.iter().map(place).collect())
+        Ok(rows.map(place).collect())
     }
 }
 

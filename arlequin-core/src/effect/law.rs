@@ -2,9 +2,9 @@
 
 use super::{AnyEffect, Effect, Instant, StepDemand};
 use crate::model::{Arms, DofLayout};
-use crate::ranks::{self, Exact};
 use crate::record::Record;
 use crate::scalar::dot;
+use crate::{Exact, add_products};
 use crate::{Real, Result};
 
 /// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces`
@@ -130,7 +130,7 @@ impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> fo
     }
     fn add_power(&self, layout: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         if self.local {
-            ranks::add_products(layout, &self.force, v, sum);
+            add_products(layout, &self.force, v, sum);
         }
         self.local
     }

@@ -1,9 +1,9 @@
 //! Forces on given unknowns: nodal loads and surface tractions with a time function.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
+use crate::Exact;
 use crate::error::invalid;
 use crate::model::DofLayout;
-use crate::ranks::Exact;
 use crate::time::TimeFunction;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};

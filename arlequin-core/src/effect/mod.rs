@@ -23,13 +23,10 @@ pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
 pub use simple::*;
 
 use crate::model::{Arms, DofLayout, Model};
-use crate::ranks::{Exact, Portion};
 use crate::record::Record;
-use crate::subdomain::local;
 use crate::weight::Weights;
-use crate::{Real, Result};
+use crate::{Exact, Owned, Real, Result};
 use nalgebra::Vector3;
-use std::sync::Arc;
 
 /// The subdomain that an effect is attached to. If the model is partitioned, all fields are those of this
 /// rank's part. Unknowns in a specification are numbered in the whole model ([`Host::unknown`] converts
@@ -44,18 +41,18 @@ pub struct Host<'a, T: Real> {
     pub inertia: &'a [T],
     /// Inverse of the inertia; zero for prescribed unknowns.
     pub inverse_inertia: &'a [T],
-    /// This rank's part of a model that the run has partitioned: effects communicate with other ranks through
-    /// it.
-    pub portion: Option<&'a Arc<Portion>>,
+    /// True if the run has partitioned the model, so that effects can communicate with other ranks.
+    pub is_partitioned: bool,
 }
 
 impl<T: Real> Host<'_, T> {
-    /// Returns [`Self::portion`], for an effect that communicates with other ranks.
+    /// Returns the nodes that this rank owns, for an effect that communicates with other ranks.
     ///
     /// # Errors
     /// [`crate::Error::Unsupported`] for a model that was partitioned before the run received it.
-    pub fn shared(&self) -> Result<Option<&Arc<Portion>>> {
-        if self.portion.is_none() && self.model.portion().is_some() {
+    pub fn owned(&self) -> Result<Owned> {
+        let owned = self.model.owned();
+        if owned.is_part() && !self.is_partitioned {
             let what = "have an effect that hears of other ranks where it is in parts already; the run must share it out itself \
                         (Subdomain::shared)";
             return Err(crate::Error::Unsupported {
@@ -63,13 +60,13 @@ impl<T: Real> Host<'_, T> {
                 what: what.to_owned(),
             });
         }
-        Ok(self.portion)
+        Ok(owned)
     }
 
     /// Number of unknowns of the whole model.
     #[must_use]
     pub fn unknowns(&self) -> usize {
-        self.whole_layout().dofs()
+        self.model.owned().whole_layout(&self.model.layout()).dofs()
     }
 
     /// Local number of an unknown of the whole model; `None` if another rank owns it.
@@ -78,19 +75,7 @@ impl<T: Real> Host<'_, T> {
     /// For an unknown that the whole model does not have.
     #[must_use]
     pub fn unknown(&self, number: usize) -> Option<usize> {
-        match self.model.portion() {
-            Some(portion) => local(portion, &self.whole_layout(), number),
-            None => Some(number),
-        }
-    }
-
-    fn whole_layout(&self) -> DofLayout {
-        let layout = self.model.layout();
-        let nodes = self
-            .model
-            .portion()
-            .map_or(layout.nodes, |p| p.division().nodes());
-        DofLayout { nodes, ..layout }
+        self.model.owned().local_unknown(&self.model.layout(), number)
     }
 }
 

@@ -7,7 +7,7 @@ const NEIGHBOURS: f64 = 8.0;
 const WIRE: f64 = 2.4e9;
 const MEMORY: f64 = 8e9;
 /// Bytes of an exact sum, and of a matrix entry as it is read.
-const SUM: f64 = 8.0 * crate::ranks::WORDS as f64;
+const SUM: f64 = 8.0 * crate::exact::WORDS as f64;
 const ENTRY: f64 = 12.0;
 
 /// Expected duration of a multiplier solve with one solver.

@@ -2,34 +2,24 @@
 
 use super::parts::{BLOCK, Parts};
 use crate::Real;
-use crate::ranks::{Cuts, Portion};
+use crate::owned::{Cuts, Owned};
 use nalgebra::Vector3;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Scalar products summed by blocks of multipliers with one owner: the same bits on any number of ranks.
 #[derive(Debug)]
-pub(super) struct Dots {
-    cuts: Cuts,
-    /// `None` if every rank holds all multipliers.
-    portion: Option<Arc<Portion>>,
-}
+pub(super) struct Dots(Cuts);
 
 impl Dots {
     /// Prepares products of vectors of `rows` multipliers that this rank holds entirely.
     pub(super) fn new(rows: usize) -> Self {
-        Self {
-            cuts: Cuts::at_blocks(BLOCK, 0..rows),
-            portion: None,
-        }
+        Self(Cuts::at_blocks(BLOCK, Owned::whole(rows), 0..rows))
     }
 
     /// Prepares products of vectors that hold only the multipliers each rank owns.
     pub(super) fn in_parts<T: Real>(parts: &Parts<T>) -> Self {
-        Self {
-            cuts: Cuts::at_blocks(BLOCK, parts.owned().iter().map(|row| *row as usize)),
-            portion: Some(parts.portion().clone()),
-        }
+        let rows = parts.owned().iter().map(|row| *row as usize);
+        Self(Cuts::at_blocks(BLOCK, parts.nodes(), rows))
     }
 
     /// Returns `Σ a b` of each component. Collective if multipliers are distributed.
@@ -42,7 +32,7 @@ impl Dots {
             }
             sum
         };
-        let sums = self.cuts.sum(self.portion.as_deref(), N, &part);
+        let sums = self.0.sum(N, &part);
         Vector3::from_fn(|c, _| sums.get(c).copied().unwrap_or_else(T::zero))
     }
 

@@ -10,10 +10,9 @@ use super::sides::Sides;
 use super::system::System;
 use super::transfer::Transfer;
 use super::{Coupling, Draft, Interface, InterfaceOptions, InterfaceSpec, coupled_nodes};
-use crate::ranks::Portion;
+use crate::Owned;
 use crate::{Real, Result};
 use sprs::TriMat;
-use std::sync::Arc;
 
 /// Group of interfaces that are solved for as one system.
 #[derive(Debug)]
@@ -125,10 +124,10 @@ impl<T: Real> Joint<T> {
         self.system.operator.is_unsolved()
     }
 
-    /// Restricts the coupling matrices to this rank's parts; `portions` has an entry per model of the run.
-    pub(crate) fn partition_among(&mut self, portions: &[Option<Arc<Portion>>]) {
-        let side_portions: Vec<_> = self.models.iter().map(|m| portions[*m].as_ref()).collect();
-        self.sides.partition_among(&side_portions);
+    /// Restricts the coupling matrices to this rank's parts; `owned` has an entry per model of the run.
+    pub(crate) fn restrict(&mut self, owned: &[Owned]) {
+        let of_sides: Vec<_> = self.models.iter().map(|m| &owned[*m]).collect();
+        self.sides.restrict(&of_sides);
         if let Some(parts) = self.sides.parts() {
             self.system.partition_among(parts);
         }

@@ -40,11 +40,11 @@ pub use rank::NullMode;
 pub use report::InterfaceReport;
 pub use solver::Solver;
 
+use crate::Owned;
 use crate::field::Interpolation;
 use crate::junction::{Components, Junction, Needs};
 use crate::mediator::Mediator;
 use crate::model::DofLayout;
-use crate::ranks::Portion;
 use crate::weight::Weight;
 use crate::{Error, Real, Result};
 use cost::Work;
@@ -304,8 +304,8 @@ impl<T: Real> Interface<T> {
     }
 
     /// Restricts the coupling matrices to this rank's part of each partitioned model.
-    pub(crate) fn partition_among(&mut self, portions: [Option<&Arc<Portion>>; 2]) {
-        self.coupling.partition_among(&portions);
+    pub(crate) fn restrict(&mut self, owned: [&Owned; 2]) {
+        self.coupling.restrict(&owned);
         if let (Some(system), Some(parts)) = (&mut self.system, self.coupling.parts()) {
             system.partition_among(parts);
         }

@@ -9,8 +9,8 @@
 
 use super::sides::subtract_others;
 use super::transfer::{self, Transfer};
-use crate::Real;
 use crate::ranks::{Places, Portion, Post, Reduction};
+use crate::{Owned, Real};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -57,11 +57,11 @@ struct Piece {
 /// Returns the pieces of a multiplier on the partitioned sides, in the order of sides and units.
 fn pieces_of<'a, T: Real>(
     sides: &'a [Transfer<T>],
-    portions: &'a [Option<&Arc<Portion>>],
+    owned: &'a [&Owned],
     row: usize,
 ) -> impl Iterator<Item = Piece> + 'a {
-    let parted = sides.iter().zip(portions).enumerate();
-    let parted = parted.filter_map(|(m, (s, p))| Some((m, s, p.as_ref()?)));
+    let parted = sides.iter().zip(owned).enumerate();
+    let parted = parted.filter_map(|(m, (s, p))| Some((m, s, p.portion()?)));
     parted.flat_map(move |(side, s, p)| {
         s.units(row).map(move |node| Piece {
             side,
@@ -77,13 +77,13 @@ fn advance(end: &mut u32, count: u32) -> u32 {
 }
 
 /// Returns the owner of each block of multipliers: the rank of its first piece, 0 for a block without pieces.
-fn block_owners<T: Real>(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Vec<u32> {
+fn block_owners<T: Real>(sides: &[Transfer<T>], owned: &[&Owned]) -> Vec<u32> {
     let rows = sides[0].multipliers();
     let first = |block: usize| {
         let rows_of_block = block * BLOCK..rows.min((block + 1) * BLOCK);
         rows_of_block
             .into_iter()
-            .find_map(|row| pieces_of(sides, portions, row).next())
+            .find_map(|row| pieces_of(sides, owned, row).next())
     };
     let blocks = 0..rows.div_ceil(BLOCK);
     blocks.map(|b| first(b).map_or(0, |p| p.rank as u32)).collect()
@@ -94,7 +94,7 @@ impl Lists {
     /// the places of received pieces; out, also the places of the pieces to send.
     fn new<T: Real>(
         sides: &[Transfer<T>],
-        portions: &[Option<&Arc<Portion>>],
+        owned: &[&Owned],
         (me, owners): (usize, &[u32]),
         mut next: Vec<u32>,
         peers: &mut BTreeMap<usize, Places>,
@@ -110,7 +110,7 @@ impl Lists {
         for row in 0..sides[0].multipliers() {
             let owner = owners[row / BLOCK] as usize;
             let mut lists: Vec<Vec<u32>> = vec![Vec::new(); sides.len()];
-            for Piece { side, rank } in pieces_of(sides, portions, row) {
+            for Piece { side, rank } in pieces_of(sides, owned, row) {
                 let place = match (rank == me, owner == me) {
                     (true, _) => &mut next[side],
                     (false, true) => arrive.entry(rank).or_default(),
@@ -126,7 +126,7 @@ impl Lists {
             if owner != me {
                 continue;
             }
-            let whole_sides = sides.iter().zip(portions).filter(|(_, p)| p.is_none());
+            let whole_sides = sides.iter().zip(owned).filter(|(_, p)| !p.is_part());
             // A whole side costs its entries here; of a partitioned side only finished pieces are added.
             let entries = whole_sides.map(|(s, _)| s.before(row + 1) - s.before(row));
             work += entries.sum::<usize>();
@@ -143,15 +143,15 @@ impl Lists {
 
 impl<T: Real> Parts<T> {
     /// Sets up the sums for sides that are still whole. `None` if no model is partitioned.
-    pub(super) fn new(sides: &[Transfer<T>], portions: &[Option<&Arc<Portion>>]) -> Option<Self> {
-        let portion: Arc<Portion> = (*portions.iter().flatten().next()?).clone();
+    pub(super) fn new(sides: &[Transfer<T>], owned: &[&Owned]) -> Option<Self> {
+        let portion: Arc<Portion> = owned.iter().find_map(|o| o.portion())?.clone();
         let me = portion.communicator().rank();
         let (rows, shared) = (sides[0].multipliers(), sides[0].shared());
-        let owners = block_owners(sides, portions);
+        let owners = block_owners(sides, owned);
         // Pieces of this rank on every side, and how many arrive from each other rank.
         let (mut counts, mut arriving) = (vec![0; sides.len()], BTreeMap::new());
         for row in 0..rows {
-            for Piece { side, rank } in pieces_of(sides, portions, row) {
+            for Piece { side, rank } in pieces_of(sides, owned, row) {
                 if rank == me {
                     counts[side] += 1;
                 } else if owners[row / BLOCK] as usize == me {
@@ -161,7 +161,10 @@ impl<T: Real> Parts<T> {
         }
         let mut end = 0;
         let firsts: Vec<u32> = counts.iter().map(|n| advance(&mut end, *n)).collect();
-        let own_range = |m: usize| portions[m].map(|_| firsts[m] as usize..(firsts[m] + counts[m]) as usize);
+        let own_range = |m: usize| {
+            let range = firsts[m] as usize..(firsts[m] + counts[m]) as usize;
+            owned[m].is_part().then_some(range)
+        };
         let own_pieces = (0..sides.len()).map(own_range).collect();
         let receive = |(rank, n): (usize, u32)| {
             let receive = advance(&mut end, n)..end;
@@ -169,7 +172,7 @@ impl<T: Real> Parts<T> {
             (rank, Places { send, receive })
         };
         let mut peers: BTreeMap<usize, Places> = arriving.into_iter().map(receive).collect();
-        let lists = Lists::new(sides, portions, (me, &owners), firsts, &mut peers);
+        let lists = Lists::new(sides, owned, (me, &owners), firsts, &mut peers);
         Some(Self {
             sums: vec![T::zero(); shared * lists.owned.len()],
             lists,
@@ -195,6 +198,11 @@ impl<T: Real> Parts<T> {
     /// Returns the part of one partitioned model; its communicator is that of all.
     pub(super) fn portion(&self) -> &Arc<Portion> {
         self.post.portion()
+    }
+
+    /// Returns the owned nodes of one partitioned model, for sums over all ranks.
+    pub(super) fn nodes(&self) -> Owned {
+        self.portion().into()
     }
 
     /// Writes the jump of what the sides hold, for the multipliers that this rank owns. Collective.

@@ -2,10 +2,8 @@
 
 use super::parts::Parts;
 use super::transfer::{self, Transfer};
-use crate::Real;
-use crate::ranks::Portion;
+use crate::{Owned, Real};
 use std::ops::{Deref, DerefMut};
-use std::sync::Arc;
 
 /// Sides of one interface or of a joint system. The jump is the first side minus all others.
 #[derive(Debug)]
@@ -36,15 +34,11 @@ impl<T: Real> Sides<T> {
         }
     }
 
-    /// Restricts each side to the nodes that this rank owns. `portions` has an entry per side, `None` for a
-    /// whole model.
-    pub(super) fn partition_among(&mut self, portions: &[Option<&Arc<Portion>>]) {
-        self.parts = Parts::new(&self.transfers, portions);
-        for (side, portion) in self.transfers.iter_mut().zip(portions) {
-            if let Some(portion) = portion {
-                side.partition_among(portion);
-            }
-        }
+    /// Restricts each side to the nodes that this rank owns. `owned` has an entry per side.
+    pub(super) fn restrict(&mut self, owned: &[&Owned]) {
+        self.parts = Parts::new(&self.transfers, owned);
+        let sides = self.transfers.iter_mut().zip(owned);
+        sides.for_each(|(side, owned)| side.restrict(owned));
     }
 
     /// Returns the sums over partitioned models, if any model is partitioned.

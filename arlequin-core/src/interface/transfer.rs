@@ -9,12 +9,11 @@
 //! among ranks.
 
 use super::Coupling;
-use crate::ranks::{Cuts, Portion, UNIT};
+use crate::owned::{Cuts, Owned, UNIT};
 use crate::{Real, parallel};
 use rayon::prelude::*;
 use sprs::TriMat;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Stored entries per task.
 const GRAIN: usize = 4_096;
@@ -140,8 +139,6 @@ pub(crate) struct Transfer<T> {
     inertia: Vec<T>,
     /// Velocities of the coupled columns, later the changes `δ = ∓M⁻¹ Bᵀ μ` by the multipliers.
     local: Vec<T>,
-    /// This rank's part of a partitioned model; `None` if it is whole.
-    portion: Option<Arc<Portion>>,
 }
 
 impl<T: Real> Transfer<T> {
@@ -154,7 +151,9 @@ impl<T: Real> Transfer<T> {
         let weights = |j: usize| &inverse_inertia[j * shared..(j + 1) * shared];
         let size = [matrix.rows(), matrix.cols()];
         let mobility = |j: usize| weights(j).iter().map(|w| sign * *w).collect();
-        Self::from_entries(size, [shared, components / shared], entries, &mobility)
+        let per_node = components / shared;
+        let owned = Owned::whole(size[1] / per_node);
+        Self::from_entries(size, [shared, per_node], &owned, entries, &mobility)
     }
 
     /// Stores entries (multiplier, column, value) of a matrix of size `[multipliers, columns]`. `mobility`:
@@ -162,6 +161,7 @@ impl<T: Real> Transfer<T> {
     fn from_entries(
         [rows, columns]: [usize; 2],
         [shared, per_node]: [usize; 2],
+        owned: &Owned,
         mut entries: Vec<(usize, usize, T)>,
         mobility: &dyn Fn(usize) -> Vec<T>,
     ) -> Self {
@@ -202,31 +202,31 @@ impl<T: Real> Transfer<T> {
             gather,
             pieces,
             scatter: Rows::from_entries(coupled.len(), entries.into_iter().map(|(i, k, v)| (k, i, v))),
-            cuts: Cuts::at_units(coupled.iter().map(|j| j / per_node)),
+            cuts: Cuts::at_units(owned.clone(), coupled.iter().map(|j| j / per_node)),
             inertia: mobility.iter().map(mass).collect(),
             mobility,
             local: vec![T::zero(); coupled.len() * shared],
             coupled: coupled.into_iter().map(|j| j as u32).collect(),
-            portion: None,
         }
     }
 
     /// Restricts the side to the nodes that this rank owns.
-    pub(super) fn partition_among(&mut self, portion: &Arc<Portion>) {
+    pub(super) fn restrict(&mut self, owned: &Owned) {
+        if !owned.is_part() {
+            return;
+        }
         let n = self.per_node;
-        let local_column = |j: usize| Some(portion.local(j / n)? * n + j % n);
+        let local_column = |j: usize| Some(owned.local(j / n)? * n + j % n);
         let entries = self
             .entries()
             .filter_map(|(i, j, v)| Some((i, local_column(j)?, v)));
-        let size = [self.multipliers(), portion.nodes() * n];
+        let size = [self.multipliers(), owned.nodes() * n];
         let mobility = |j: usize| {
-            let global_column = (portion.global(j / n) * n + j % n) as u32;
+            let global_column = (owned.global(j / n) * n + j % n) as u32;
             let place = self.coupled.partition_point(|c| *c < global_column) * self.shared;
             self.mobility[place..place + self.shared].to_vec()
         };
-        let restricted = Self::from_entries(size, [self.shared, n], entries.collect(), &mobility);
-        *self = restricted;
-        self.portion = Some(portion.clone());
+        *self = Self::from_entries(size, [self.shared, n], owned, entries.collect(), &mobility);
     }
 
     /// Returns the number of multiplier rows.
@@ -354,7 +354,7 @@ impl<T: Real> Transfer<T> {
                 &self.local[range],
             )]
         };
-        self.cuts.sum(self.portion.as_deref(), d, &part)[0]
+        self.cuts.sum(d, &part)[0]
     }
 
     /// Adds `δ` to `x`.

@@ -9,7 +9,7 @@ impl Portion {
     ///
     /// # Errors
     /// Errors of the transport, which [`Self::failure`] remembers.
-    pub fn gather_on_first(&self, list: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
+    pub(crate) fn gather_lists(&self, list: &[f64]) -> Result<Option<Vec<f64>>, RankError> {
         let (rank, ranks) = (self.communicator().rank(), self.communicator().ranks());
         let mut counts = vec![0; ranks];
         counts[rank] = list.len() as i64;
@@ -37,7 +37,7 @@ impl Portion {
     ///
     /// # Errors
     /// Errors of the transport, which [`Self::failure`] remembers.
-    pub fn collect<T: Real>(&self, numbers: usize, x: &[T]) -> Result<Option<Vec<T>>, RankError> {
+    pub(crate) fn collect<T: Real>(&self, numbers: usize, x: &[T]) -> Result<Option<Vec<T>>, RankError> {
         let (division, rank) = (self.division(), self.communicator().rank());
         let all_nodes = || 0..division.nodes();
         if rank > 0 {

@@ -1,15 +1,14 @@
 //! Gathering of the unknowns of some nodes on all ranks.
 
-use super::{Message, Portion, RankError};
-use crate::Real;
-use std::sync::Arc;
+use super::Message;
+use crate::{Owned, Real};
 
 /// Unknowns of a partitioned model that every rank needs, such as those of an overlap.
 ///
 /// Items are numbered like unknowns, `per_node` of them for each node. Each item holds one or more numbers.
 #[derive(Debug, Clone)]
 pub struct Gather {
-    portion: Arc<Portion>,
+    nodes: Owned,
     /// Place in the list and local number of each item that this rank owns.
     owned: Vec<[u32; 2]>,
     /// Other ranks, and the places of the items they own.
@@ -22,22 +21,23 @@ impl Gather {
     /// # Panics
     /// For items of nodes that do not exist, or if `per_node` is zero.
     #[must_use]
-    pub fn new(portion: Arc<Portion>, per_node: usize, items: impl Iterator<Item = usize>) -> Self {
-        let division = portion.division();
+    pub fn new(nodes: &Owned, per_node: usize, items: impl Iterator<Item = usize>) -> Self {
+        let portion = nodes.portion();
         let mut owned = Vec::new();
-        let mut peers: Vec<(usize, Vec<u32>)> = (0..division.ranks()).map(|r| (r, Vec::new())).collect();
+        let mut peers: Vec<(usize, Vec<u32>)> = (0..nodes.ranks()).map(|r| (r, Vec::new())).collect();
         for (place, item) in (0..).zip(items) {
             let (node, k) = (item / per_node, item % per_node);
-            match portion.local(node) {
-                Some(local) => owned.push([place, (local * per_node + k) as u32]),
-                None => peers[division.owner(node)].1.push(place),
+            match (nodes.local(node), portion) {
+                (Some(local), _) => owned.push([place, (local * per_node + k) as u32]),
+                (None, Some(p)) => peers[p.division().owner(node)].1.push(place),
+                (None, None) => (),
             }
         }
-        let rank = portion.communicator().rank();
+        let rank = portion.map_or(0, |p| p.communicator().rank());
         // A rank that neither sends to this one nor receives from it is no peer.
         peers.retain(|(r, places)| *r != rank && !(places.is_empty() && owned.is_empty()));
         Self {
-            portion,
+            nodes: nodes.clone(),
             owned,
             peers,
         }
@@ -60,7 +60,7 @@ impl Gather {
 
     /// Writes the numbers of all items to `out`, on every rank; `x` holds those of this rank's nodes.
     /// `messages`: buffers for `numbers` numbers per item. NaN after a failure of the transport, which
-    /// [`Portion::failure`] remembers. Collective.
+    /// [`Owned::check_communication`] remembers. Collective.
     pub fn gather<T: Real>(&self, numbers: usize, messages: &mut [Message], x: &[T], out: &mut [T]) {
         let range = |item: u32| item as usize * numbers..(item as usize + 1) * numbers;
         for [place, local] in &self.owned {
@@ -74,11 +74,10 @@ impl Gather {
                 .zip(sent)
                 .for_each(|(slot, x)| *slot = x.as_f64());
         }
-        if messages.is_empty() {
+        let Some(portion) = self.nodes.portion().filter(|_| !messages.is_empty()) else {
             return;
-        }
-        let outcome: Result<(), RankError> = self.portion.communicator().exchange(messages);
-        if self.portion.keep(outcome).is_err() {
+        };
+        if portion.keep(portion.communicator().exchange(messages)).is_err() {
             out.fill(T::of(f64::NAN));
             return;
         }

@@ -1,8 +1,8 @@
 //! Ghosts: nodes of other ranks that are linked with nodes of this rank.
 
-use super::{Message, Portion, RankError};
+use super::{Message, RankError};
+use crate::Owned;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Nodes exchanged with one other rank.
 #[derive(Debug, Clone)]
@@ -19,19 +19,22 @@ pub(super) struct Peer {
 /// Both owners know of a link between them, so that each rank finds the nodes to send without a request.
 #[derive(Debug, Clone)]
 pub struct Halo {
-    pub(super) portion: Arc<Portion>,
+    pub(super) owned: Owned,
     pub(super) peers: Vec<Peer>,
     pub(super) ghosts: Vec<u32>,
 }
 
 impl Halo {
     /// Finds the ghosts of this rank from links between nodes of the whole model. A rank has to be given at
-    /// least all links with an end that it owns.
+    /// least all links with an end that it owns. A whole model has no ghosts.
     ///
     /// # Panics
     /// If a link names a node that does not exist.
     #[must_use]
-    pub fn of_links(portion: Arc<Portion>, links: impl Iterator<Item = [u32; 2]>) -> Self {
+    pub fn of_links(owned: &Owned, links: impl Iterator<Item = [u32; 2]>) -> Self {
+        let Some(portion) = owned.portion() else {
+            return Self::none(owned);
+        };
         let own_rank = portion.communicator().rank();
         let owner = |node: u32| portion.division().owner(node as usize);
         // Pairs of a rank and a node: ghosts that this rank needs, and owned nodes that the other one needs.
@@ -65,14 +68,35 @@ impl Halo {
         Self {
             peers,
             ghosts: theirs.into_iter().map(|t| t.1).collect(),
-            portion,
+            owned: owned.clone(),
         }
     }
 
-    /// Returns this rank's part of the partitioned model.
+    /// Returns the halo of a whole model.
+    pub(super) fn none(owned: &Owned) -> Self {
+        Self {
+            owned: owned.clone(),
+            peers: Vec::new(),
+            ghosts: Vec::new(),
+        }
+    }
+
+    /// Returns the nodes that this rank owns.
     #[must_use]
-    pub fn portion(&self) -> &Arc<Portion> {
-        &self.portion
+    pub fn owned(&self) -> &Owned {
+        &self.owned
+    }
+
+    /// Returns the number in the whole model of a local node: owned nodes come first, then ghosts.
+    ///
+    /// # Panics
+    /// If this rank has no such node.
+    #[must_use]
+    pub fn global(&self, node: usize) -> usize {
+        match node.checked_sub(self.owned.nodes()) {
+            None => self.owned.global(node),
+            Some(ghost) => self.ghosts[ghost] as usize,
+        }
     }
 
     /// Returns the numbers of the ghosts in the whole model.
@@ -104,7 +128,7 @@ impl Halo {
     /// `write` (halo exchange). `messages`: buffers for `N` numbers per node. Allocates nothing.
     ///
     /// # Errors
-    /// Errors of the transport, which [`Portion::failure`] remembers; ghosts are then unknown.
+    /// Errors of the transport, which [`Owned::check_communication`] remembers; ghosts are then unknown.
     pub fn exchange<const N: usize>(
         &self,
         messages: &mut [Message],
@@ -117,8 +141,9 @@ impl Halo {
                 *slot = read(*node as usize);
             }
         }
-        self.portion
-            .keep(self.portion.communicator().exchange(messages))?;
+        if let Some(portion) = self.owned.portion() {
+            portion.keep(portion.communicator().exchange(messages))?;
+        }
         for (peer, message) in self.peers.iter().zip(messages) {
             let numbers = message.into.as_chunks::<N>().0;
             for (ghost, x) in peer.receive.clone().zip(numbers) {

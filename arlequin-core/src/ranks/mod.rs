@@ -3,16 +3,14 @@
 //! Nodes are partitioned in units of [`UNIT`] consecutive nodes ([`Division`]). A rank has a [`Portion`]:
 //! whole units, in the order of the model, so that results per node have the bits of the whole model. Values
 //! of nodes that other ranks own arrive by a halo exchange ([`Halo`]). Sums are formed per unit in the order
-//! of its nodes, and over units exactly ([`Exact`]). They depend neither on the distribution of units nor on
-//! the order in which messages arrive. A partitioned model returns its [`crate::Model::portion`]; any other
-//! model is the same on every rank.
+//! of its nodes, and over units exactly ([`crate::Exact`]). They depend neither on the distribution of units
+//! nor on the order in which messages arrive. A model returns the nodes that a rank owns by
+//! [`crate::Model::owned`]; a model that is not partitioned is the same on every rank.
 //!
 //! The core uses a transport only through [`Communicator`].
 
 mod collect;
-mod cuts;
 mod division;
-mod exact;
 mod gather;
 mod halo;
 mod near;
@@ -20,18 +18,14 @@ mod portion;
 mod post;
 mod reach;
 
-pub(crate) use cuts::Cuts;
 pub use division::{Division, Unit};
-pub use exact::{Exact, WORDS};
 pub use gather::Gather;
 pub use halo::Halo;
-pub(crate) use portion::largest;
-pub use portion::{Portion, add_products, sum};
+pub use portion::Portion;
 pub(crate) use post::{Places, Post};
 pub use reach::Reach;
 
-/// Number of nodes in a unit: the smallest part a rank can own, and the range of the inner sums.
-pub const UNIT: usize = 256;
+pub use crate::owned::UNIT;
 
 /// Numbers for another rank, and a buffer for the numbers that it sends back.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use super::halo::Peer;
 use super::{Halo, Message, Portion, RankError};
-use std::sync::Arc;
+use crate::{Owned, Result};
 
 /// Lower corner, then upper one. An empty box runs from infinity to minus infinity.
 type Corners = [f64; 6];
@@ -18,11 +18,14 @@ impl Halo {
     /// box around its nodes. `points`: present positions of this rank's nodes \[m\]. Collective.
     ///
     /// # Errors
-    /// Errors of the transport, which [`Portion::failure`] remembers.
-    pub fn near(portion: Arc<Portion>, points: &[[f64; 3]], reach: f64) -> Result<Self, RankError> {
+    /// Errors of the transport.
+    pub fn near(owned: &Owned, points: &[[f64; 3]], reach: f64) -> Result<Self> {
+        let Some(portion) = owned.portion() else {
+            return Ok(Self::none(owned));
+        };
         let own_rank = portion.communicator().rank();
         let own_box = corners(points);
-        let boxes = portion.all_gather(&own_box.map(|x| x.to_bits().cast_signed()))?;
+        let boxes = owned.all_gather(own_box.map(|x| x.to_bits().cast_signed()).to_vec())?;
         let boxes = boxes.as_chunks::<6>().0.iter();
         let boxes = boxes.map(|b| b.map(|x| f64::from_bits(x.cast_unsigned())));
         // Both ranks make the same two comparisons, so that they agree on being neighbours.
@@ -46,7 +49,7 @@ impl Halo {
         };
         // A receiver has to know the length of a message beforehand.
         let counts = peers.iter().map(|p| message(p, vec![p.send.len() as f64], 1));
-        let counts: Vec<usize> = exchange(&portion, counts.collect())?
+        let counts: Vec<usize> = exchange(portion, counts.collect())?
             .map(|m| m.into[0] as usize)
             .collect();
         let global = |p: &Peer| {
@@ -56,7 +59,7 @@ impl Halo {
                 .collect()
         };
         let numbers = peers.iter().zip(&counts).map(|(p, n)| message(p, global(p), *n));
-        let numbers = exchange(&portion, numbers.collect())?;
+        let numbers = exchange(portion, numbers.collect())?;
         let mut ghosts = Vec::with_capacity(counts.iter().sum());
         for (p, m) in peers.iter_mut().zip(numbers) {
             p.receive = ghosts.len()..ghosts.len() + m.into.len();
@@ -65,7 +68,7 @@ impl Halo {
         // Boxes may be near each other although no nodes are; both ranks then drop the pair.
         peers.retain(|p| !(p.send.is_empty() && p.receive.is_empty()));
         Ok(Self {
-            portion,
+            owned: owned.clone(),
             peers,
             ghosts,
         })

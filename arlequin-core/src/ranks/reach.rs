@@ -16,10 +16,10 @@ impl Reach {
     /// Finds the places of owned nodes and ghosts. `place`: place in the list of a node of the whole model.
     #[must_use]
     pub fn new(halo: Halo, place: impl Fn(u32) -> u32) -> Self {
-        let portion = halo.portion();
-        let owned = 0..portion.nodes();
+        let owned = halo.owned();
+        let nodes = 0..owned.nodes();
         Self {
-            own: owned.map(|i| place(portion.global(i) as u32)).collect(),
+            own: nodes.map(|i| place(owned.global(i) as u32)).collect(),
             ghosts: halo.ghosts().iter().map(|k| place(*k)).collect(),
             halo,
         }

@@ -3,8 +3,7 @@
 use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
-use crate::ranks::Exact;
-use crate::{Real, parallel, ranks};
+use crate::{Exact, Real, parallel};
 use nalgebra::Vector3;
 use std::ops::Range;
 
@@ -123,7 +122,7 @@ impl<T: Real> Subdomain<T> {
             let moving = part(d * n.start..d * n.end);
             std::array::from_fn(|k| moving[k] + turning[k])
         };
-        ranks::sum(layout.nodes, self.portion(), &of_nodes)
+        self.owned().sum(&of_nodes)
     }
 
     /// Returns `Σ m q²` of the displacements without rotations \[kg m²\], over all ranks.
@@ -133,7 +132,7 @@ impl<T: Real> Subdomain<T> {
             let range = d * n.start..d * n.end;
             [parallel::weighted_squares(&m[range.clone()], &q[range])]
         };
-        let [sum] = ranks::sum(self.model.layout().nodes, self.portion(), &of_nodes);
+        let [sum] = self.owned().sum(&of_nodes);
         sum
     }
 
@@ -146,7 +145,7 @@ impl<T: Real> Subdomain<T> {
                 [x + nodes[k].x, y + nodes[k].y, z + nodes[k].z, n + T::one()]
             })
         };
-        let [x, y, z, n] = ranks::sum(layout.nodes, self.portion(), &places);
+        let [x, y, z, n] = self.owned().sum(&places);
         let middle = Vector3::new(x, y, z) / n.max(T::one());
         let squares = |range: Range<usize>| {
             let of_node = |k: usize| {
@@ -158,7 +157,7 @@ impl<T: Real> Subdomain<T> {
             };
             [range.map(of_node).sum()]
         };
-        let [sum] = ranks::sum(layout.nodes, self.portion(), &squares);
+        let [sum] = self.owned().sum(&squares);
         sum
     }
 
@@ -205,9 +204,7 @@ impl<T: Real> Subdomain<T> {
             powers.push(power);
         }
         powers.push(self.support_power());
-        if let Some(portion) = self.portion() {
-            portion.all_reduce(&mut powers);
-        }
+        self.owned().all_reduce(&mut powers);
         let mut works = powers.iter().map(|p| self.pace.dt * T::of(p.value()));
         self.effects
             .iter_mut()
@@ -252,7 +249,7 @@ impl<T: Real> Subdomain<T> {
     /// that of this subdomain.
     pub(crate) fn effect_lines(&self, number: usize) -> Vec<EffectLine<T>> {
         let name = |effect: &str| format!("{}/{effect}", self.model().name());
-        let of_model = self.model().effects().iter().map(|effect| {
+        let of_model = self.model().views().effects.iter().map(|effect| {
             let taken = self.evolved.filter(|e| e.effect == *effect);
             EffectLine {
                 name: name(effect),
@@ -276,6 +273,6 @@ impl<T: Real> Subdomain<T> {
         } else {
             T::one()
         };
-        ranks::largest(self.portion(), local) <= T::zero()
+        self.owned().largest(local) <= T::zero()
     }
 }

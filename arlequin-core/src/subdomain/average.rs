@@ -75,7 +75,7 @@ impl<T: Real> Subdomain<T> {
                 ),
             });
         }
-        let Some(linear) = self.model.as_linear() else {
+        let Some(linear) = self.model.views().linear else {
             return Ok(());
         };
         let quarter = self.pace.dt * self.pace.dt * T::of(0.25);
@@ -119,7 +119,7 @@ impl<T: Real> Subdomain<T> {
         if self.weights.weighting == Weighting::Nodal {
             return Some("nodal weights leave it no symmetric stiffness".into());
         }
-        if self.model.as_linear().is_none() {
+        if self.model.views().linear.is_none() {
             return Some("its forces are not linear".into());
         }
         if self.is_paired() {

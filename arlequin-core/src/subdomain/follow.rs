@@ -21,7 +21,7 @@ impl<T: Real> Subdomain<T> {
             s.model.nodes().iter().any(|x| w.value(x) != T::one())
         };
         if self.is_external()
-            || self.portion().is_some()
+            || self.owned().is_part()
             || self.weights.weighting == Weighting::Nodal
             || !weighted(self)
         {

@@ -21,18 +21,17 @@ pub use motion::PrescribedMotion;
 pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
-pub(crate) use share::local;
 pub(crate) use step::{Announce, StepEnd};
 
 use crate::effect::{Attached, Effect, EffectSpec};
 use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
-use crate::ranks::{Communicator, Exact, Portion};
+use crate::ranks::Communicator;
 use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
-use crate::{Error, NodallyWeighted, Real, Result};
+use crate::{Error, Exact, NodallyWeighted, Owned, Real, Result};
 use account::{Energies, Evolved};
 use average::Average;
 use external::External;
@@ -83,8 +82,8 @@ pub struct Subdomain<T: Real> {
     memory: Option<Record<T>>,
     /// Ranks among which the run will partition the model; `None` once it has.
     ranks: Option<Arc<dyn Communicator>>,
-    /// This rank's part, once the run has partitioned the model.
-    portion: Option<Arc<Portion>>,
+    /// True once the run has partitioned the model.
+    is_partitioned: bool,
     state: State<T>,
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
@@ -137,7 +136,7 @@ impl<T: Real> Subdomain<T> {
             effects: Vec::new(),
             memory: None,
             ranks: None,
-            portion: None,
+            is_partitioned: false,
             state: State::zero(n),
             inertia: vec![T::zero(); n],
             inverse_inertia: vec![T::zero(); n],
@@ -210,7 +209,8 @@ impl<T: Real> Subdomain<T> {
     /// Returns findings in the present state that need an effect, whether the effect is on or not.
     pub(crate) fn watch(&self) -> Vec<Finding> {
         self.model
-            .watching()
+            .views()
+            .watching
             .map_or_else(Vec::new, |m| m.watch(&self.state))
     }
 
@@ -218,9 +218,9 @@ impl<T: Real> Subdomain<T> {
     pub fn model(&self) -> &dyn Model<T> {
         &*self.model
     }
-    /// This rank's part of the model, if the model is partitioned.
-    pub fn portion(&self) -> Option<&Portion> {
-        self.model.portion()
+    /// Nodes of the model that this rank owns.
+    pub fn owned(&self) -> Owned {
+        self.model.owned()
     }
     /// The displacement field that interfaces and probes see.
     pub fn field(&self) -> &Arc<dyn Interpolation<T>> {

@@ -3,9 +3,8 @@
 use super::Subdomain;
 use crate::effect::{Attached, Effect, Host, StepDemand, shortened};
 use crate::error::invalid;
-use crate::ranks::Exact;
 use crate::scalar::check_finite;
-use crate::{Error, Real, Result, ranks};
+use crate::{Error, Exact, Real, Result};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 impl<T: Real> Subdomain<T> {
@@ -50,9 +49,10 @@ impl<T: Real> Subdomain<T> {
     /// Refuses effects that need the whole of a partitioned model, and ranks whose effects or supports
     /// differ. Collective.
     fn check_parts(&self) -> Result<()> {
-        let Some(portion) = self.portion() else {
+        let owned = self.owned();
+        if !owned.is_part() {
             return Ok(());
-        };
+        }
         let model = self.model.name();
         // One number shows whether all ranks were given the same effects and supports.
         let mut hasher = DefaultHasher::new();
@@ -63,12 +63,12 @@ impl<T: Real> Subdomain<T> {
             m.amplitude.as_f64().to_bits().hash(&mut hasher);
         }
         let what = format!("the effects on '{model}' and its supports");
-        ranks::agree(portion.communicator(), &what, hasher.finish())?;
+        owned.agree(&what, hasher.finish())?;
         let (layout, v) = (self.model.layout(), &self.state.v);
         // An effect that cannot add its power unit by unit acts on whole models only.
         let whole = |e: &&Attached<T, _>| !Effect::add_power(&*e.effect, &layout, v, &mut Exact::zero());
         self.effects.iter().find(whole).map_or(Ok(()), |e| {
-            let (effect, ranks) = (e.effect.name(), portion.division().ranks());
+            let (effect, ranks) = (e.effect.name(), owned.ranks());
             Err(Error::Unsupported {
                 model: model.to_owned(),
                 what: format!(
@@ -119,7 +119,7 @@ impl<T: Real> Subdomain<T> {
         let top = self.inertia[..layout.translations()]
             .iter()
             .fold(T::zero(), |a, b| a.max(*b));
-        let top = ranks::largest(self.portion(), top);
+        let top = self.owned().largest(top);
         for (i, m) in self.inertia.iter().enumerate() {
             // Round-off of element means may leave a few epsilon of the largest mass where there should be
             // none. Inertia of rotations may be that small beside masses, so only zero is refused there.
@@ -153,7 +153,7 @@ impl<T: Real> Subdomain<T> {
             weights: &self.weights,
             inertia: &self.inertia,
             inverse_inertia: &self.inverse_inertia,
-            portion: self.portion.as_ref(),
+            is_partitioned: self.is_partitioned,
         }
     }
 
@@ -176,7 +176,8 @@ impl<T: Real> Subdomain<T> {
 
     /// Returns the largest demand of an effect over all ranks.
     fn largest_demand(&self, d: StepDemand<T>) -> StepDemand<T> {
-        let largest = |x: T| ranks::largest(self.portion(), x);
+        let owned = self.owned();
+        let largest = |x: T| owned.largest(x);
         StepDemand {
             stiffness: largest(d.stiffness),
             gain: largest(d.gain),

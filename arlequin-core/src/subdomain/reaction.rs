@@ -1,9 +1,9 @@
 //! Reactions of a subdomain: balance of its prescribed unknowns, and resultants of forces on it.
 
 use super::{Stepper, Subdomain, average};
+use crate::Exact;
 use crate::effect::Effect;
 use crate::model::Arms;
-use crate::ranks::Exact;
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
@@ -119,11 +119,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Adds up the sums of all ranks: force, then moment.
     fn resultant_of(&self, sums: [Exact; 6]) -> Resultant<T> {
-        let totals = match self.portion() {
-            Some(p) => p.total(sums),
-            None => sums.map(Exact::value),
-        };
-        let [a, b, c, x, y, z] = totals.map(T::of);
+        let [a, b, c, x, y, z] = self.owned().total(sums).map(T::of);
         Resultant {
             force: Vector3::new(a, b, c),
             moment: Vector3::new(x, y, z),

@@ -6,6 +6,7 @@ use crate::effect::{Attached, Effect};
 use crate::record::{Record, same};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
+use std::borrow::Cow;
 
 /// Saved state of a subdomain.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,9 +56,9 @@ impl<T: Real> Subdomain<T> {
     /// and is gathered on rank 0.
     fn recorded_effect(&self, effect: &dyn Effect<T>) -> Result<Record<T>> {
         let record = effect.save();
-        let portion = self.portion().filter(|_| !effect.saves_whole());
-        let Some(portion) = portion else { return Ok(record) };
-        if !portion.any(!record.numbers.is_empty())? {
+        let owned = self.owned();
+        let is_local = owned.is_part() && !effect.saves_whole();
+        if !is_local || !owned.any(!record.numbers.is_empty())? {
             return Ok(record);
         }
         let name = self.model().name();
@@ -72,12 +73,13 @@ impl<T: Real> Subdomain<T> {
 
     /// Gathers `x` on rank 0; empty on the other ranks.
     fn recorded(&self, x: &[T]) -> Result<Vec<T>> {
-        Ok(self.in_all(x)?.unwrap_or_default())
+        Ok(self.gather(x)?.map(Cow::into_owned).unwrap_or_default())
     }
 
     pub(crate) fn restore(&mut self, from: &SubdomainSnapshot<T>) -> Result<()> {
         let layout = self.model.layout();
-        let dofs = self.nodes_in_all() * (layout.components + layout.rotations);
+        let owned = self.owned();
+        let dofs = owned.whole_layout(&layout).dofs();
         let name = self.model().name().to_owned();
         let parts = [
             ("displacements", &from.q),
@@ -103,13 +105,13 @@ impl<T: Real> Subdomain<T> {
             self.effects.len(),
             from.effects.len(),
         )?;
-        self.state.q = self.restrict(&from.q);
-        self.state.v = self.restrict(&from.v);
-        self.state.a = self.restrict(&from.a);
+        self.state.q = owned.restrict(&layout, &from.q);
+        self.state.v = owned.restrict(&layout, &from.v);
+        self.state.a = owned.restrict(&layout, &from.a);
         if from.internal.is_empty() {
             self.forces.restore(&[]);
         } else {
-            let internal = self.restrict(&from.internal);
+            let internal = owned.restrict(&layout, &from.internal);
             self.forces.restore(&internal);
         }
         // The next step needs no other energies.
@@ -121,12 +123,14 @@ impl<T: Real> Subdomain<T> {
             line.work = work;
         }
         self.restore_model(&from.model)?;
-        let local_record = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| match self.portion() {
-            Some(_) if record.numbers.len() == dofs && !e.effect.saves_whole() => Record {
-                numbers: self.restrict(&record.numbers),
+        let local_record = |(e, record): (&Attached<T, dyn Effect<T>>, &Record<T>)| {
+            if record.numbers.len() != dofs || e.effect.saves_whole() {
+                return record.clone();
+            }
+            Record {
+                numbers: owned.restrict(&layout, &record.numbers),
                 integers: record.integers.clone(),
-            },
-            _ => record.clone(),
+            }
         };
         let records: Vec<_> = self.effects.iter().zip(&from.effects).map(local_record).collect();
         for (e, (work, record)) in self.effects.iter_mut().zip(from.works.iter().zip(&records)) {

@@ -15,7 +15,7 @@ impl<T: Real> Subdomain<T> {
         if self.model.evolving().is_some() {
             return Some("it changes itself as it moves".into());
         }
-        if self.weights.weighting == Weighting::Nodal || self.model.as_linear().is_none() {
+        if self.weights.weighting == Weighting::Nodal || self.model.views().linear.is_none() {
             return Some("its forces are not linear, or weighted at its nodes".into());
         }
         // Damping has no force at rest; effects that add stiffness have.

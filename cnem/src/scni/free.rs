@@ -9,9 +9,9 @@
 use super::matrix::{CHUNK, SERIAL, tetrahedra_stiffness};
 use super::{Smoothing, SubCells};
 use arlequin_core::Elastic;
+use arlequin_core::Owned;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::ranks::{self, Portion};
 use nalgebra::Vector3;
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
@@ -471,9 +471,9 @@ impl MatrixFree {
     }
 
     /// Returns `½ qᵀ K q` \[J\], summed exactly over units of nodes: the same bits for any number of threads.
-    /// Allocates nothing. With a `portion` it returns the energy of the whole body on all ranks: `owned` are
-    /// the displacements of the owned nodes, `q` those of the nodes `needed`. Collective then.
-    pub(crate) fn energy(&self, owned: &[f64], q: &[f64], portion: Option<&Portion>) -> f64 {
+    /// Allocates nothing. `local` are the displacements of the owned nodes, `q` those of the nodes `needed`.
+    /// Collective for a partitioned body.
+    pub(crate) fn energy(&self, owned: &Owned, local: &[f64], q: &[f64]) -> f64 {
         let arch = Arch::new();
         let nodes = q.as_chunks::<3>().0;
         let part = |unit: Range<usize>| {
@@ -485,9 +485,9 @@ impl MatrixFree {
             let (forces, q, range) = (self, nodes, first..first + unit.len());
             [arch.dispatch(Energies { forces, q, range })]
         };
-        let [cells] = ranks::sum(owned.len() / 3, portion, &part);
+        let [cells] = owned.sum(&part);
         let tets = self.tets.as_ref();
-        0.5 * cells + tets.map_or(0.0, |t| t.energy_of_all(owned, q, portion))
+        0.5 * cells + tets.map_or(0.0, |t| t.energy_over_ranks(owned, local, q))
     }
 }
 

@@ -237,7 +237,7 @@ fn nodal_weighting_scales_forces() {
     model.add_internal_forces(&u, &mut f).unwrap();
     let mut model = NodallyWeighted::new(Box::new(model));
     model.set_internal_weight(&Ramp).unwrap();
-    assert!(model.as_linear().is_none());
+    assert!(model.views().linear.is_none());
     model.add_internal_forces(&u, &mut g).unwrap();
     for i in 0..n {
         let w = Ramp.value(&model.nodes()[i / 3]);
@@ -372,7 +372,7 @@ fn constant_stress_is_recovered_to_round_off_at_all_nodes() {
         let q = linear(&gradient, model.nodes());
         let nodes: Vec<usize> = (0..model.nodes().len()).collect();
         let mut recovered = Vec::new();
-        let recovery = model.recovery().unwrap();
+        let recovery = model.views().recovery.unwrap();
         recovery.recover(&q, &nodes, &mut recovered).unwrap();
         let errors = recovered.iter().flat_map(|r| {
             let pairs = r.stress.0.into_iter().zip(stress.0);

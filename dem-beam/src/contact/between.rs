@@ -202,7 +202,7 @@ impl PairEffect<f64> for Contacts {
     }
 
     fn add_contact(&self, side: usize, f: &mut [f64]) -> bool {
-        self.touching.add_to(&[side], f);
+        self.touching.add_to(side, f);
         true
     }
 

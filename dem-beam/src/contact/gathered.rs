@@ -8,11 +8,11 @@
 use super::Grains;
 use crate::packing::cells::Sphere;
 use arlequin_core::effect::Instant;
-use arlequin_core::ranks::{Portion, RankError};
+use arlequin_core::{Owned, Result};
 
-/// Words per particle between ranks: its number, sphere at rest, displacement, mass share, weighted mass,
-/// inverse inertia, velocities and forces.
-const WORDS: usize = 28;
+/// Numbers per particle between ranks: sphere at rest, mass share, weighted mass, inverse inertia,
+/// displacement, velocities and forces.
+const NUMBERS: usize = 27;
 
 /// Some particles of the whole body with their state, numbered from zero in the order of the whole body.
 #[derive(Debug, Default)]
@@ -40,43 +40,39 @@ impl Gathered {
     /// Gathers the particles that any rank names, each once; `members` are the particles that this rank
     /// names. Collective.
     pub(crate) fn gather(
-        portion: &Portion,
+        owned: &Owned,
         members: &[u32],
         grains: &Grains,
         instant: &Instant<'_, f64>,
         f: &[f64],
-    ) -> Result<GatheredState, RankError> {
-        let mut sent = Vec::with_capacity(WORDS * members.len());
-        let bits = |x: f64| x.to_bits().cast_signed();
-        for i in members.iter().map(|i| *i as usize) {
-            sent.push(portion.global(i) as i64);
-            sent.extend(grains.contact_data(i).map(bits));
-            sent.extend(instant.q[3 * i..3 * i + 3].iter().copied().map(bits));
-            for x in [instant.v_half, f] {
-                sent.extend(grains.unknowns(i).map(|o| bits(x[o])));
+    ) -> Result<GatheredState> {
+        let row = |i: &u32| {
+            let i = *i as usize;
+            let mut x = [0.0; NUMBERS];
+            x[..12].copy_from_slice(&grains.contact_data(i));
+            x[12..15].copy_from_slice(&instant.q[3 * i..3 * i + 3]);
+            for (k, o) in grains.unknowns(i).into_iter().enumerate() {
+                (x[15 + k], x[21 + k]) = (instant.v_half[o], f[o]);
             }
-        }
-        let mut received = portion.all_gather(&sent)?;
-        let received = received.as_chunks_mut::<WORDS>().0;
+            (owned.global(i), x)
+        };
         // In the order of the whole body: all ranks get the same sums.
-        received.sort_unstable_by_key(|w| w[0]);
-        let count = received.len();
-        let mut out = Self::from_ids(received.iter().map(|w| w[0] as u32).collect());
+        let rows = owned.all_gather_rows(members.iter().map(row).collect())?;
+        let count = rows.len();
+        let mut out = Self::from_ids(rows.iter().map(|r| r.0 as u32).collect());
         out.v = vec![0.0; 6 * count];
         let mut forces = vec![0.0; 6 * count];
         let mut data = Vec::with_capacity(count);
-        for (place, words) in received.iter().enumerate() {
-            let x: [f64; WORDS] = words.map(|w| f64::from_bits(w.cast_unsigned()));
-            data.push(std::array::from_fn(|k| x[1 + k]));
-            out.u.extend(&x[13..16]);
+        for (place, (number, x)) in rows.iter().enumerate() {
+            data.push(std::array::from_fn(|k| x[k]));
+            out.u.extend(&x[12..15]);
             for c in 0..3 {
                 for (target, source) in [(3 * place + c, c), (3 * (count + place) + c, 3 + c)] {
-                    out.v[target] = x[16 + source];
-                    forces[target] = x[22 + source];
+                    out.v[target] = x[15 + source];
+                    forces[target] = x[21 + source];
                 }
             }
-            out.owned
-                .extend(portion.local(words[0] as usize).map(|i| [place, i]));
+            out.owned.extend(owned.local(*number).map(|i| [place, i]));
         }
         let mut seen = Grains::from_contact_data(&data);
         seen.place(&out.u);
@@ -106,10 +102,10 @@ impl Gathered {
     }
 
     /// Finds which of the particles this rank owns, for a list made by [`Self::from_ids`].
-    pub(crate) fn find_owned(&mut self, portion: &Portion) {
+    pub(crate) fn find_owned(&mut self, owned: &Owned) {
         let ids = self.ids.iter().enumerate();
-        let owned = ids.filter_map(|(place, id)| Some([place, portion.local(*id as usize)?]));
-        self.owned = owned.collect();
+        let places = ids.filter_map(|(place, id)| Some([place, owned.local(*id as usize)?]));
+        self.owned = places.collect();
     }
 
     /// Writes the `forces` on the gathered particles to the force array `f` of this rank.

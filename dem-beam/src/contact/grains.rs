@@ -5,8 +5,8 @@ use super::budget::End;
 use super::gathered::{self, ContactData};
 use crate::bond::Twist;
 use crate::packing::cells::Sphere;
+use arlequin_core::Owned;
 use arlequin_core::effect::{Host, Instant};
-use arlequin_core::ranks::Portion;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -52,8 +52,8 @@ impl Grains {
     ///
     /// # Errors
     /// A partition with another number of particles; `effect` is the effect's name in errors.
-    pub(crate) fn restrict(&mut self, portion: &Portion, effect: &str) -> arlequin_core::Result<()> {
-        let count = portion.division().nodes();
+    pub(crate) fn restrict(&mut self, owned: &Owned, effect: &str) -> arlequin_core::Result<()> {
+        let count = owned.nodes_of_whole();
         if count != self.len() {
             return Err(arlequin_core::Error::SizeMismatch {
                 what: format!("particles of {effect}"),
@@ -61,9 +61,9 @@ impl Grains {
                 found: count,
             });
         }
-        let owned = || (0..portion.nodes()).map(|i| portion.global(i));
-        self.rest_spheres = owned().map(|i| self.rest_spheres[i]).collect();
-        self.unweighted_mass = owned().map(|i| self.unweighted_mass[i]).collect();
+        let numbers = || (0..owned.nodes()).map(|i| owned.global(i));
+        self.rest_spheres = numbers().map(|i| self.rest_spheres[i]).collect();
+        self.unweighted_mass = numbers().map(|i| self.unweighted_mass[i]).collect();
         self.now.clone_from(&self.rest_spheres);
         Ok(())
     }

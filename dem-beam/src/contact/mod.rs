@@ -39,13 +39,13 @@ pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
 use crate::error::Result;
 use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
+use arlequin_core::Exact;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
-use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{Arms, DofLayout};
 use neighbours::PairList;
-use parts::PartitionedContacts;
-use std::slice::from_ref;
+use parts::GatheredPairs;
+use std::slice::{from_mut, from_ref};
 use touching::Touching;
 
 /// Specification of contact within one cohesive-beam body, an effect on its subdomain.
@@ -55,11 +55,34 @@ pub struct Contact(Contacts);
 /// Contact at work in a run.
 #[derive(Debug)]
 struct Contacts {
+    /// The particles that this rank owns.
     grains: Grains,
+    /// Largest radius of the whole body \[m\].
+    largest: f64,
     log: SharedLog,
+    /// Number of breaks whose pairs are listed.
     seen: usize,
-    list: PairList,
     touching: Touching,
+    pairs: Pairs,
+}
+
+/// Pairs of one body that may touch.
+#[derive(Debug)]
+enum Pairs {
+    /// All pairs of a whole body, each with a spring.
+    Whole(PairList),
+    /// Pairs of a rank's part; those that push are gathered from all ranks.
+    Part(Box<GatheredPairs>),
+}
+
+impl Pairs {
+    /// Number on this rank of a particle of a touching pair, if this rank owns it.
+    fn local(&self, particle: usize) -> Option<usize> {
+        match self {
+            Self::Whole(_) => Some(particle),
+            Self::Part(part) => part.local(particle),
+        }
+    }
 }
 
 impl Contact {
@@ -70,11 +93,13 @@ impl Contact {
     pub fn new(model: &DemModel, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let body = model.body();
+        let grains = Grains::new(ContactBody::from_model(model));
         Ok(Self(Contacts {
-            grains: Grains::new(ContactBody::from_model(model)),
+            largest: grains.largest(),
+            grains,
             log: model.break_log(),
             seen: 0,
-            list: PairList::new(body, law.skin * body.mean_radius()),
+            pairs: Pairs::Whole(PairList::new(body, law.skin * body.mean_radius())),
             touching: Touching::new(law),
         }))
     }
@@ -83,12 +108,18 @@ impl Contact {
 impl EffectSpec<f64> for Contact {
     fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let effect = format!("contact on '{}'", host.model.name());
-        if let Some(portion) = host.shared()? {
-            return Ok(Box::new(PartitionedContacts::new(
-                self.0, portion, host, &effect,
-            )?));
+        let Contacts {
+            grains,
+            pairs,
+            largest,
+            ..
+        } = &mut self.0;
+        let owned = host.owned()?;
+        if let (true, Pairs::Whole(list)) = (owned.is_part(), &*pairs) {
+            grains.restrict(&owned, &effect)?;
+            *pairs = Pairs::Part(Box::new(GatheredPairs::new(list, &owned, *largest)));
         }
-        self.0.grains.attach(host, &effect)?;
+        grains.attach(host, &effect)?;
         Ok(Box::new(self.0))
     }
 }
@@ -102,21 +133,43 @@ impl AnyEffect<f64> for Contacts {
         Some(Arms::Current)
     }
 
+    fn saves_whole(&self) -> bool {
+        true
+    }
+
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         out.integers.push(self.seen as u64);
-        self.touching.save(&mut out);
-        self.list.save(&mut out);
+        match &self.pairs {
+            Pairs::Whole(list) => {
+                self.touching.save(&mut out);
+                list.save(&mut out);
+            }
+            // The run reports an error between ranks; other ranks than the first save nothing.
+            Pairs::Part(part) => match part.save(&self.touching, &mut out) {
+                Ok(true) => {}
+                Ok(false) | Err(_) => return Record::default(),
+            },
+        }
         out
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        let count = self.grains.len();
+        let (touching, pairs) = (&mut self.touching, &mut self.pairs);
+        let count = match pairs {
+            Pairs::Whole(_) => self.grains.len(),
+            Pairs::Part(part) => part.particles(),
+        };
         let fits = from.integers.split_first().and_then(|(seen, integers)| {
             self.seen = *seen as usize;
-            let (integers, numbers) = self.touching.restore(integers, &from.numbers)?;
-            self.list.restore(count, integers, numbers)?;
-            self.touching.find(&self.list.listed)
+            let (integers, numbers) = touching.restore(integers, &from.numbers)?;
+            match pairs {
+                Pairs::Whole(list) => {
+                    list.restore(count, integers, numbers)?;
+                    touching.find(&list.listed)
+                }
+                Pairs::Part(part) => part.restore(touching, integers, numbers),
+            }
         });
         fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
             what: "particles in the record of contacts".into(),
@@ -134,46 +187,63 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
-        self.touching.facts(self.list.listed.counts())
+        self.touching.facts(match &self.pairs {
+            Pairs::Whole(list) => list.listed.counts(),
+            Pairs::Part(part) => part.counts(),
+        })
     }
 }
 
 impl Effect<f64> for Contacts {
     fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        // Budgets refer to places in the list: settle them before a search reorders it.
-        self.touching.settle(&mut self.list.listed, from_ref(instant));
-        self.grains.place(instant.q);
+        let (grains, touching) = (&mut self.grains, &mut self.touching);
+        grains.place(instant.q);
+        // Breaks of all ranks since the last step.
         let log = locked(&self.log);
-        for event in &log.events()[self.seen..] {
-            self.list.add_broken(event, &self.grains.rest_spheres);
-        }
+        let breaks = &log.events()[self.seen..];
         self.seen = log.events().len();
-        self.list
-            .refresh(&self.grains.now, &self.grains.rest_spheres, &log);
-        drop(log);
-        let grains = std::slice::from_mut(&mut self.grains);
-        self.touching
-            .respond(&mut self.list.listed, grains, from_ref(instant), &mut [f]);
+        match &mut self.pairs {
+            Pairs::Whole(list) => {
+                // Budgets refer to places in the list: settle them before a search reorders it.
+                touching.settle(&mut list.listed, from_ref(instant));
+                for event in breaks {
+                    list.add_broken(event, &grains.rest_spheres);
+                }
+                list.refresh(&grains.now, &grains.rest_spheres, &log);
+                drop(log);
+                touching.respond(&mut list.listed, from_mut(grains), from_ref(instant), &mut [f]);
+            }
+            Pairs::Part(part) => {
+                let pushing = part.gather_pushing(breaks, grains, &log)?;
+                drop(log);
+                part.respond(&pushing, touching, grains, instant, f)?;
+            }
+        }
         Ok(())
     }
 
+    /// Power on the owned particles \[W\].
     fn power(&self, v: &[f64]) -> f64 {
-        self.touching.power([v, v])
+        let local = |i: usize| self.pairs.local(i);
+        let ends = self.touching.end_forces(&local);
+        ends.map(|(i, force, torque)| power(v, i, &force, &torque)).sum()
     }
 
     fn add_power(&self, _: &DofLayout, v: &[f64], sum: &mut Exact) -> bool {
-        self.touching.add_power(v, &Some, sum);
+        self.touching.add_power(v, &|i| self.pairs.local(i), sum);
         true
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        self.touching.add_to(&[0, 1], f);
+        let local = |i: usize| self.pairs.local(i);
+        for (i, force, torque) in self.touching.end_forces(&local) {
+            add(f, i, &force, &torque);
+        }
         true
     }
 
     fn step_demand(&self) -> StepDemand<f64> {
-        let largest = self.grains.largest();
-        let top = self.grains.top(|r| self.touching.stiffness([r, largest]));
+        let top = self.grains.top(|r| self.touching.stiffness([r, self.largest]));
         self.touching.demand(top)
     }
 }

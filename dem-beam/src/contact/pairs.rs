@@ -7,11 +7,11 @@ use super::surrounding::Surrounding;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::ranks::{Portion, RankError};
 use arlequin_core::snapshot::Record;
+use arlequin_core::{Owned, Result};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Pairs per unit of parallel work.
 const CHUNK: usize = 2_048;
@@ -58,7 +58,7 @@ struct Near {
 /// The pairs of this rank, and counts over all ranks.
 #[derive(Debug)]
 pub(super) struct PartitionedPairs {
-    portion: Arc<Portion>,
+    owned: Owned,
     skin: f64,
     /// Largest radius of the whole body \[m\].
     largest: f64,
@@ -85,10 +85,10 @@ pub(super) struct PartitionedPairs {
 impl PartitionedPairs {
     /// This rank's part of the list of a whole body before its first step. The largest particle of the body
     /// has the radius `largest` \[m\].
-    pub(super) fn new(whole: PairList, portion: &Arc<Portion>, largest: f64) -> Self {
-        let bond_rows = (0..portion.nodes()).map(|i| whole.adjacency.row(portion.global(i)).to_vec());
+    pub(super) fn new(whole: &PairList, owned: &Owned, largest: f64) -> Self {
+        let bond_rows = (0..owned.nodes()).map(|i| whole.adjacency.row(owned.global(i)).to_vec());
         Self {
-            portion: portion.clone(),
+            owned: owned.clone(),
             skin: whole.listed.skin,
             largest,
             near: Vec::new(),
@@ -116,7 +116,7 @@ impl PartitionedPairs {
         self.breaks += 1;
         self.total += 1;
         self.has_unknown = true;
-        if self.portion.local(event.pair[0] as usize).is_some() {
+        if self.owned.local(event.pair[0] as usize).is_some() {
             self.near.push(Near {
                 key: Key {
                     broken: self.breaks,
@@ -130,12 +130,12 @@ impl PartitionedPairs {
 
     /// Searches again if a particle of any rank has moved by half the skin since the last search; otherwise
     /// updates the positions of the surrounding particles. Collective.
-    pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
+    pub(super) fn refresh(&mut self, grains: &Grains, log: &BreakLog) -> Result<()> {
         let stale = self
             .built
             .as_ref()
             .is_none_or(|built| neighbours::is_stale(built, self.skin, grains.len(), grains.now.iter()));
-        if self.portion.any(stale)? {
+        if self.owned.any(stale)? {
             return self.search(grains, log);
         }
         if let Some(around) = &mut self.around {
@@ -144,14 +144,14 @@ impl PartitionedPairs {
         self.find_second_particles(grains)
     }
 
-    fn search(&mut self, grains: &Grains, log: &BreakLog) -> Result<(), RankError> {
+    fn search(&mut self, grains: &Grains, log: &BreakLog) -> Result<()> {
         self.searches += 1;
         self.built = Some(grains.now.clone());
         let reach = 2.0 * self.largest + self.skin;
-        let around = Surrounding::new(&self.portion, grains, reach)?;
-        let (bonds, broken_at, portion) = (&self.bonds, &self.broken_at, &self.portion);
+        let around = Surrounding::new(&self.owned, grains, reach)?;
+        let (bonds, broken_at, owned) = (&self.bonds, &self.broken_at, &self.owned);
         let rest_distance = |i: usize, k: usize| {
-            let (first, second) = (portion.global(i) as u32, around.global(k));
+            let (first, second) = (owned.global(i) as u32, around.global(k));
             if second <= first {
                 // Each pair belongs to the rank of its end with the lower number.
                 return None;
@@ -181,14 +181,14 @@ impl PartitionedPairs {
         });
         self.near = near.collect();
         self.near.sort_unstable_by_key(|n| n.key);
-        let counts = self.portion.all_gather(&[self.near.len() as i64])?;
+        let counts = self.owned.all_gather(vec![self.near.len() as i64])?;
         self.total = counts.iter().sum::<i64>() as usize;
         (self.breaks, self.has_unknown, self.around) = (0, false, Some(around));
         Ok(())
     }
 
     /// Finds the second particles of pairs that the search did not find. Collective.
-    fn find_second_particles(&mut self, grains: &Grains) -> Result<(), RankError> {
+    fn find_second_particles(&mut self, grains: &Grains) -> Result<()> {
         if !std::mem::take(&mut self.has_unknown) {
             return Ok(());
         }
@@ -197,13 +197,10 @@ impl PartitionedPairs {
         for _ in 0..MAX_WIDENINGS {
             let known = self.around.as_ref();
             let unknown = |n: &Near| known.and_then(|a| a.local(n.key.ends[1])).is_none();
-            if !self
-                .portion
-                .any(known.is_none() || self.near.iter().any(unknown))?
-            {
+            if !self.owned.any(known.is_none() || self.near.iter().any(unknown))? {
                 break;
             }
-            self.around = Some(Surrounding::new(&self.portion, grains, reach)?);
+            self.around = Some(Surrounding::new(&self.owned, grains, reach)?);
             self.near
                 .iter_mut()
                 .filter(|n| n.key.broken == 0)
@@ -227,7 +224,7 @@ impl PartitionedPairs {
 
     /// Gathers the pairs of all ranks that push now, in the order of the whole body, with the distance \[m\]
     /// at which each begins to push. Collective.
-    pub(super) fn gather_closed(&self) -> Result<Vec<(Key, f64)>, RankError> {
+    pub(super) fn gather_closed(&self) -> Result<Vec<(Key, f64)>> {
         let now = self.around.as_ref().map_or(&[][..], |a| &a.now);
         let pushes = |n: &&Near| {
             n.local
@@ -239,7 +236,7 @@ impl PartitionedPairs {
             let [broken, ends] = n.key.words();
             [broken, ends, n.rest_distance.to_bits().cast_signed()]
         });
-        let gathered = self.portion.all_gather(&words.collect::<Vec<i64>>())?;
+        let gathered = self.owned.all_gather(words.collect())?;
         let gathered = gathered.as_chunks::<3>().0.iter();
         let gathered = gathered.map(|[broken, ends, rest]| {
             (
@@ -253,16 +250,16 @@ impl PartitionedPairs {
     }
 
     /// Gathers the list of the whole body, without its springs, on rank 0 (`None` elsewhere). Collective.
-    pub(super) fn gather_list(&self) -> Result<Option<(Vec<Key>, Listed)>, RankError> {
+    pub(super) fn gather_list(&self) -> Result<Option<(Vec<Key>, Listed)>> {
         let numbers = |n: &Near| {
             let [i, j] = n.key.ends.map(f64::from);
             [f64::from(n.key.broken), i, j, n.rest_distance]
         };
         let sent: Vec<f64> = self.near.iter().flat_map(numbers).collect();
-        let gathered = self.portion.gather_on_first(&sent)?;
+        let gathered = self.owned.gather_lists(sent)?;
         let built = match &self.built {
-            Some(spheres) => self.portion.collect(4, spheres.as_flattened())?,
-            None => Some(Vec::new()),
+            Some(spheres) => self.owned.gather(4, spheres.as_flattened())?,
+            None => Some(Cow::default()),
         };
         let (Some(gathered), Some(built)) = (gathered, built) else {
             return Ok(None);
@@ -319,7 +316,7 @@ impl PartitionedPairs {
                 ends: pair.ends,
             });
         }
-        let is_owned = |key: &Key| self.portion.local(key.ends[0] as usize).is_some();
+        let is_owned = |key: &Key| self.owned.local(key.ends[0] as usize).is_some();
         let near = keys.iter().zip(&list.pairs).filter(|(key, _)| is_owned(key));
         self.near = near
             .map(|(key, pair)| Near {
@@ -329,7 +326,7 @@ impl PartitionedPairs {
             })
             .collect();
         (self.searches, self.total) = (list.searches, keys.len());
-        let owned_spheres = || (0..self.portion.nodes()).map(|i| list.built[self.portion.global(i)]);
+        let owned_spheres = || (0..self.owned.nodes()).map(|i| list.built[self.owned.global(i)]);
         self.built = (!list.built.is_empty()).then(|| owned_spheres().collect());
         (self.around, self.has_unknown) = (None, true);
         Some(keys)

@@ -2,8 +2,8 @@
 
 use super::Grains;
 use crate::packing::cells::Sphere;
-use arlequin_core::ranks::{Halo, Message, Portion, RankError};
-use std::sync::Arc;
+use arlequin_core::ranks::{Halo, Message, RankError};
+use arlequin_core::{Owned, Result};
 
 /// The owned particles, followed by the surrounding particles of other ranks.
 #[derive(Debug)]
@@ -18,9 +18,9 @@ pub(super) struct Surrounding {
 
 impl Surrounding {
     /// Finds all particles within `reach` \[m\] of an owned particle. Collective.
-    pub(super) fn new(portion: &Arc<Portion>, grains: &Grains, reach: f64) -> Result<Self, RankError> {
+    pub(super) fn new(owned: &Owned, grains: &Grains, reach: f64) -> Result<Self> {
         let centres: Vec<[f64; 3]> = grains.now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
-        let near = Halo::near(portion.clone(), &centres, reach)?;
+        let near = Halo::near(owned, &centres, reach)?;
         let owned = grains.len();
         let mut rest_spheres = grains.rest_spheres.clone();
         rest_spheres.resize(owned + near.ghosts().len(), [0.0; 4]);
@@ -41,7 +41,7 @@ impl Surrounding {
     }
 
     /// Updates all positions: owned particles from `now`, the others by a halo exchange. Collective.
-    pub(super) fn place(&mut self, now: &[Sphere]) -> Result<(), RankError> {
+    pub(super) fn place(&mut self, now: &[Sphere]) -> std::result::Result<(), RankError> {
         let (local, around) = self.now.split_at_mut(now.len());
         local.copy_from_slice(now);
         let centre = |i: usize| [now[i][0], now[i][1], now[i][2]];
@@ -52,8 +52,7 @@ impl Surrounding {
 
     /// Local number of a particle of the whole body, if it is owned or surrounding.
     pub(super) fn local(&self, id: u32) -> Option<u32> {
-        let portion = self.near.portion();
-        if let Some(owned) = portion.local(id as usize) {
+        if let Some(owned) = self.near.owned().local(id as usize) {
             return Some(owned as u32);
         }
         let k = self.places.binary_search_by_key(&id, |p| p[0]).ok()?;
@@ -62,10 +61,6 @@ impl Surrounding {
 
     /// Number in the whole body of a local particle.
     pub(super) fn global(&self, local: usize) -> u32 {
-        let portion = self.near.portion();
-        match local.checked_sub(portion.nodes()) {
-            None => portion.global(local) as u32,
-            Some(ghost) => self.near.ghosts()[ghost],
-        }
+        self.near.global(local) as u32
     }
 }

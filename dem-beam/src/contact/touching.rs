@@ -4,8 +4,8 @@ use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
 use super::law::{ContactLaw, Pair, Spring};
 use super::neighbours::{Candidate, Listed, distance};
+use arlequin_core::Exact;
 use arlequin_core::effect::{Instant, StepDemand};
-use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -178,13 +178,11 @@ impl Touching {
         });
     }
 
-    /// Adds the forces on the particles of one side, or of both sides if they belong to one model.
-    pub(crate) fn add_to(&self, sides: &[usize], f: &mut [f64]) {
+    /// Adds the forces on the particles of one of two models.
+    pub(crate) fn add_to(&self, side: usize, f: &mut [f64]) {
         for a in &self.active {
-            for &side in sides {
-                let force = if side == 0 { -a.force } else { a.force };
-                grains::add(f, a.ends[side] as usize, &force, &a.torque[side]);
-            }
+            let force = if side == 0 { -a.force } else { a.force };
+            grains::add(f, a.ends[side] as usize, &force, &a.torque[side]);
         }
     }
 

@@ -11,7 +11,7 @@ use crate::model::poses::Reader;
 use crate::numbered::Numbered;
 use crate::particles::BondedParticles;
 use arlequin_core::Evolution;
-use arlequin_core::ranks::{Halo, Message, Portion, RankError};
+use arlequin_core::ranks::{Halo, Message, RankError};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -39,7 +39,7 @@ pub(crate) struct Parts {
 }
 
 /// States of the ghosts one step before, and their changes over the step.
-type GhostStates = (Vec<[f64; 7]>, Vec<[f64; 6]>);
+pub(super) type GhostStates = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
     /// State for a part of a body whose bonds are all whole.
@@ -93,85 +93,32 @@ impl FractureState {
         });
         out
     }
-
-    /// Returns whether any bond of the whole body breaks now. [`Self::now`] then lists the breaking bonds of
-    /// this rank. Collective.
-    pub(crate) fn find_on_all(
-        &mut self,
-        body: &BondedParticles,
-        reader: &Reader<'_>,
-        parts: &Parts,
-    ) -> Result<bool, RankError> {
-        if !self.find(body, reader) {
-            // The interval of checks is the same on all ranks, so no rank has checked.
-            return Ok(false);
-        }
-        if !parts.halo.portion().any(!self.now.is_empty())? {
-            return Ok(false);
-        }
-        // A bond may break by the moment at an end that another rank owns and screened.
-        let missed = parts
-            .cross
-            .iter()
-            .filter(|b| self.ratio(body, reader, **b as usize) >= 1.0);
-        let missed: Vec<u32> = missed.copied().collect();
-        self.now.extend(missed);
-        self.now.sort_unstable();
-        self.now.dedup();
-        Ok(true)
-    }
-
-    /// Removes the breaking bonds from the balance of the owned particles and logs the breaks of the whole
-    /// body. Returns the energy of all breaks \[J\]. Collective.
-    pub(crate) fn release_in_parts(
-        &mut self,
-        body: &BondedParticles,
-        step: &mut Evolution<'_, f64>,
-        readers: [&Reader<'_>; 2],
-        parts: &mut Parts,
-        inside: impl Fn(usize) -> bool,
-    ) -> Result<f64, RankError> {
-        let (ghosts, changes) = parts.receive_ghosts(readers[0], step)?;
-        let before = Reader {
-            ghosts: &ghosts,
-            ..*readers[0]
-        };
-        let after = Reader {
-            ghosts: &parts.ghosts,
-            ..*readers[1]
-        };
-        let mut sent = Vec::new();
-        for k in 0..self.now.len() {
-            let b = self.now[k] as usize;
-            let change_of = |i: usize| match i.checked_sub(self.owned) {
-                None => change(step, i),
-                Some(ghost) => changes[ghost],
-            };
-            let (event, held) = self.break_of(body, b, [&before, &after], &change_of);
-            // The rank that owns the first particle reports the break, so that it is logged once.
-            if (event.pair[0] as usize) < self.owned {
-                let overlap = inside(b);
-                sent.extend(parts.words(&Break { overlap, ..event }));
-            }
-            self.remove_bond(body, b, &held, step);
-        }
-        let mut received = parts.halo.portion().all_gather(&sent)?;
-        let received = received.as_chunks_mut::<WORDS>().0;
-        received.sort_unstable_by_key(number);
-        let mut log = writing(&self.log);
-        let mut total = 0.0;
-        for words in received {
-            let event = event(words, step.time);
-            total += event.released;
-            log.push(event);
-        }
-        Ok(total)
-    }
 }
 
 impl Parts {
+    /// Returns whether a bond of the whole body breaks now; `now` are breaking bonds of this rank.
+    /// Collective.
+    pub(super) fn any_breaks(&self, now: &[u32]) -> arlequin_core::Result<bool> {
+        self.halo.owned().any(!now.is_empty())
+    }
+
+    /// Local bonds that have a ghost.
+    pub(super) fn cross(&self) -> &[u32] {
+        &self.cross
+    }
+
+    /// Returns the breaks of all ranks in the order of the whole body and in its numbers. `breaks` are those
+    /// whose first particle this rank owns, in local numbers. Collective.
+    pub(super) fn gather_breaks(&self, breaks: &[Break], time: f64) -> arlequin_core::Result<Vec<Break>> {
+        let sent = breaks.iter().flat_map(|e| self.words(e)).collect();
+        let mut received = self.halo.owned().all_gather(sent)?;
+        let received = received.as_chunks_mut::<WORDS>().0;
+        received.sort_unstable_by_key(number);
+        Ok(received.iter().map(|words| event(words, time)).collect())
+    }
+
     /// Exchanges the states and changes of the ghosts. Collective.
-    fn receive_ghosts(
+    pub(super) fn receive_ghosts(
         &mut self,
         before: &Reader<'_>,
         step: &Evolution<'_, f64>,
@@ -204,7 +151,7 @@ impl Parts {
         let mut sent = Vec::new();
         for [bond, ..] in broken {
             if let Some(b) =
-                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.portion().nodes() as u32)
+                local_bond(*bond).filter(|b| body.pairs()[*b][0] < self.halo.owned().nodes() as u32)
             {
                 let (place, pair) = (
                     middle(body, b),
@@ -215,8 +162,8 @@ impl Parts {
                 sent.extend([bond.cast_signed(), ends, i64::from(inside(b)), x, y, z]);
             }
         }
-        // Errors between ranks are kept for [`Portion::failure`].
-        let Ok(mut received) = self.halo.portion().all_gather(&sent) else {
+        // The run reports an error between ranks.
+        let Ok(mut received) = self.halo.owned().all_gather(sent) else {
             return false;
         };
         let received = received.as_chunks_mut::<6>().0;
@@ -240,11 +187,7 @@ impl Parts {
 
     /// Number in the whole body of a local particle.
     fn global(&self, particle: u32) -> u32 {
-        let portion: &Portion = self.halo.portion();
-        match (particle as usize).checked_sub(portion.nodes()) {
-            None => portion.global(particle as usize) as u32,
-            Some(ghost) => self.halo.ghosts()[ghost],
-        }
+        self.halo.global(particle as usize) as u32
     }
 
     /// Packs a break with numbers of the whole body into words.

@@ -1,7 +1,7 @@
 //! Breaking of the bonds of one model.
 
 use super::criterion::{Section, Strain};
-use super::parts::Parts;
+use super::parts::{GhostStates, Parts};
 use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
@@ -303,30 +303,81 @@ impl FractureState {
         (self.now, self.flags) = (now, flags);
     }
 
-    /// Removes the bonds of [`Self::now`] from the balance and logs their breaks. Returns the energy they
-    /// held \[J\].
+    /// Returns whether any bond of the whole body breaks now. [`Self::now`] then lists the breaking bonds of
+    /// this rank. `parts` is that of a partitioned body. Collective.
+    pub(crate) fn find_everywhere(
+        &mut self,
+        body: &BondedParticles,
+        reader: &Reader<'_>,
+        parts: Option<&Parts>,
+    ) -> arlequin_core::Result<bool> {
+        // The interval of checks is the same on all ranks: all of them check, or none.
+        if !self.find(body, reader) {
+            return Ok(false);
+        }
+        let Some(parts) = parts else {
+            return Ok(!self.now.is_empty());
+        };
+        if !parts.any_breaks(&self.now)? {
+            return Ok(false);
+        }
+        // A bond may break by the moment at an end that another rank owns and screened.
+        let cross = parts.cross().iter().copied();
+        let missed = cross.filter(|b| self.ratio(body, reader, *b as usize) >= 1.0);
+        let missed: Vec<u32> = missed.collect();
+        self.now.extend(missed);
+        self.now.sort_unstable();
+        self.now.dedup();
+        Ok(true)
+    }
+
+    /// Removes the bonds of [`Self::now`] from the balance of the owned particles and logs the breaks of the
+    /// whole body. Returns the energy of all breaks \[J\]. `parts` is that of a partitioned body. Collective.
     pub(crate) fn release(
         &mut self,
         body: &BondedParticles,
         step: &mut Evolution<'_, f64>,
         readers: [&Reader<'_>; 2],
+        mut parts: Option<&mut Parts>,
         inside: impl Fn(usize) -> bool,
-    ) -> f64 {
-        let mut total = 0.0;
+    ) -> arlequin_core::Result<f64> {
+        let (ghosts, changes) = match &mut parts {
+            Some(parts) => parts.receive_ghosts(readers[0], step)?,
+            None => GhostStates::default(),
+        };
+        let before = Reader {
+            ghosts: &ghosts,
+            ..*readers[0]
+        };
+        let mut breaks = Vec::new();
         for k in 0..self.now.len() {
             let b = self.now[k] as usize;
-            let change = |i: usize| change(step, i);
-            let (event, held) = self.break_of(body, b, readers, &change);
-            total += event.released;
-            let (time, overlap) = (step.time, inside(b));
-            writing(&self.log).push(Break {
-                time,
-                overlap,
-                ..event
-            });
+            let change_of = |i: usize| match i.checked_sub(self.owned) {
+                None => change(step, i),
+                Some(ghost) => changes[ghost],
+            };
+            let (event, held) = self.break_of(body, b, [&before, readers[1]], &change_of);
+            // The rank that owns the first particle reports the break, so that it is logged once.
+            if (event.pair[0] as usize) < self.owned {
+                let (time, overlap) = (step.time, inside(b));
+                breaks.push(Break {
+                    time,
+                    overlap,
+                    ..event
+                });
+            }
             self.remove_bond(body, b, &held, step);
         }
-        total
+        if let Some(parts) = parts {
+            breaks = parts.gather_breaks(&breaks, step.time)?;
+        }
+        let mut log = writing(&self.log);
+        let mut total = 0.0;
+        for event in breaks {
+            total += event.released;
+            log.push(event);
+        }
+        Ok(total)
     }
 
     /// Returns the record of a break, without time and overlap, and the forces of the bond one step before.

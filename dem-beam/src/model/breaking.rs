@@ -1,15 +1,14 @@
 //! Bonds that break: fracture of a model, its saved state and its results.
 
 use super::DemModel;
-use super::forces::RankResult;
 use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::fracture::parts::Parts;
 use crate::fracture::state::FractureState;
 use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
-use arlequin_core::Evolution;
 use arlequin_core::snapshot::Record;
+use arlequin_core::{Evolution, Model};
 
 impl DemModel {
     /// Lets the bonds of the body break.
@@ -85,19 +84,13 @@ impl DemModel {
         self.log.clone()
     }
 
-    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> RankResult<f64> {
+    pub(super) fn break_bonds(&mut self, mut step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
         let Some(mut fracture) = self.fracture.take() else {
             return Ok(0.0);
         };
-        let parts = fracture.parts.take();
-        let released = match parts {
-            Some(mut parts) => {
-                let released = self.find_in_parts(&mut fracture, &mut parts, &mut step);
-                fracture.parts = Some(parts);
-                released
-            }
-            None => Ok(self.find_broken(&mut fracture, &mut step)),
-        };
+        let mut parts = fracture.parts.take();
+        let released = self.release_broken(&mut fracture, parts.as_mut(), &mut step);
+        fracture.parts = parts;
         if !fracture.now.is_empty() {
             let blocks = self.sever(&mut fracture);
             let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
@@ -108,35 +101,37 @@ impl DemModel {
         released
     }
 
-    fn find_broken(&self, fracture: &mut FractureState, step: &mut Evolution<'_, f64>) -> f64 {
-        fracture.find(&self.body, &self.reader(step.q));
-        if fracture.now.is_empty() {
-            return 0.0;
-        }
-        let (before, now) = (step.q_before, step.q);
-        let readers = [&self.reader(before), &self.reader(now)];
-        fracture.release(&self.body, step, readers, |b| self.in_overlap(b))
-    }
-
-    /// Like [`Self::find_broken`] in a rank's part of a partitioned body; returns the energy released on all
-    /// ranks.
-    fn find_in_parts(
+    /// Finds the bonds that break now and returns the energy released on all ranks. `parts` is that of a
+    /// partitioned body. Collective.
+    fn release_broken(
         &self,
         fracture: &mut FractureState,
-        parts: &mut Parts,
+        mut parts: Option<&mut Parts>,
         step: &mut Evolution<'_, f64>,
-    ) -> RankResult<f64> {
-        self.kernel.ghosts(&mut parts.ghosts);
-        let (before, now) = (step.q_before, step.q);
-        let readers = [&self.reader(before), &self.reader(now)];
-        let seen = Reader {
-            ghosts: &parts.ghosts,
-            ..*readers[1]
-        };
-        if !fracture.find_on_all(&self.body, &seen, parts)? {
-            return Ok(0.0);
+    ) -> arlequin_core::Result<f64> {
+        let mut ghosts = Vec::new();
+        if let Some(parts) = &mut parts {
+            ghosts = std::mem::take(&mut parts.ghosts);
+            self.kernel.ghosts(&mut ghosts);
         }
-        fracture.release_in_parts(&self.body, step, readers, parts, |b| self.in_overlap(b))
+        let now = Reader {
+            ghosts: &ghosts,
+            ..self.reader(step.q)
+        };
+        let readers = [&self.reader(step.q_before), &now];
+        let released = match fracture.find_everywhere(&self.body, &now, parts.as_deref()) {
+            Ok(true) => {
+                let inside = |b: usize| self.in_overlap(b);
+                fracture.release(&self.body, step, readers, parts.as_deref_mut(), inside)
+            }
+            Ok(false) => Ok(0.0),
+            Err(e) => Err(e),
+        };
+        if let Some(parts) = parts {
+            // The buffer stays with the parts, so that a step does not allocate.
+            parts.ghosts = ghosts;
+        }
+        released
     }
 
     /// Restricts the fracture state to a rank's part of the body and removes the bonds already broken.
@@ -181,30 +176,26 @@ impl DemModel {
             .as_ref()
             .map(FractureState::save)
             .unwrap_or_default();
-        let turns = self.kernel.save(self.nodes.len());
-        // Rank 0 saves the orientations of the whole body. An error between ranks is kept for
-        // [`arlequin_core::ranks::Portion::failure`].
-        let turns = match (&self.halo, self.has_finite_rotations()) {
-            (Some(h), true) => h.portion().collect(7, &turns).ok().flatten().unwrap_or_default(),
-            _ => turns,
-        };
-        out.numbers.extend(turns);
+        if self.has_finite_rotations() {
+            let turns = self.kernel.save(self.nodes.len());
+            // Rank 0 saves the orientations of the whole body. The run reports an error between ranks.
+            let turns = self.owned().gather(7, &turns).ok().flatten();
+            out.numbers.extend(turns.iter().flat_map(|t| t.iter()));
+        }
         out
     }
 
     /// Restores the state that [`Self::remember`] returned.
     pub(super) fn recall(&mut self, mut record: Record<f64>) -> arlequin_core::Result<()> {
         if self.has_finite_rotations() {
-            let portion = self.halo.as_ref().map(|h| h.portion().clone());
-            let particles = portion
-                .as_ref()
-                .map_or(self.nodes.len(), |p| p.division().nodes());
+            let owned = self.owned();
+            let particles = owned.nodes_of_whole();
             // Orientations are the last numbers of the record, seven per particle of the whole body.
             let breaks = record.numbers.len().saturating_sub(7 * particles);
             let mut turns = record.numbers.split_off(breaks);
-            if let Some(p) = portion.filter(|_| turns.len() == 7 * particles) {
-                let owned = (0..p.nodes()).map(|i| p.global(i));
-                turns = owned.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
+            if turns.len() == 7 * particles {
+                let numbers = (0..owned.nodes()).map(|i| owned.global(i));
+                turns = numbers.flat_map(|i| turns[7 * i..7 * i + 7].to_vec()).collect();
             }
             let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
             if !kernel.restore(&turns) {

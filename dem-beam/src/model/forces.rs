@@ -12,8 +12,9 @@ use crate::kernel::screen::Screened;
 use crate::kernel::stride::{Accelerate, Drift, Moving};
 use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
+use arlequin_core::Exact;
 use arlequin_core::adjacency::Adjacency;
-use arlequin_core::ranks::{Exact, Halo, Message, RankError, UNIT};
+use arlequin_core::ranks::{Halo, Message, RankError, UNIT};
 use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
@@ -286,7 +287,7 @@ impl<W: Screened> Gather<W> {
             sums.iter_mut().zip(part).for_each(|(sum, x)| sum.add(*x));
         }
         match &self.ghosts {
-            Some(g) => g.halo.portion().total(sums),
+            Some(g) => g.halo.owned().total(sums),
             None => sums.map(Exact::value),
         }
     }

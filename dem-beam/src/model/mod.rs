@@ -48,13 +48,12 @@ use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
-use arlequin_core::geometry::Sample;
-use arlequin_core::ranks::{Communicator, Halo, Portion};
+use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Links,
-    Model, ParticleField, Recovery, Shared, State, Stepping, Stride, Watching, Weight, check_size, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
+    Owned, ParticleField, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -342,10 +341,6 @@ impl Model<f64> for DemModel {
         &self.nodes
     }
 
-    fn particles(&self) -> Option<&[Sample<f64>]> {
-        self.field.samples()
-    }
-
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
         let means = self.particle_means(weight)?;
@@ -405,9 +400,8 @@ impl Model<f64> for DemModel {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> arlequin_core::Result<f64> {
         check_size(self, "inverse inertia", inverse_inertia.len())?;
         let root: Vec<f64> = inverse_inertia.iter().map(|m| m.sqrt()).collect();
-        let (layout, halo) = (self.layout(), self.halo.clone());
-        let portion = halo.as_ref().map(|h| &**h.portion());
-        let space = (&root[..], layout, portion);
+        let (layout, halo, owned) = (self.layout(), self.halo.clone(), self.owned());
+        let space = (&root[..], layout, &owned);
         // A separate kernel of the linear law leaves the reached orientations alone.
         let top = if self.has_finite_rotations() {
             critical::largest(space, &mut Gather::<Linear>::with_halo(&self.body, halo.clone()))
@@ -421,20 +415,17 @@ impl Model<f64> for DemModel {
         self.fracture.is_some().then_some(self as _)
     }
 
-    fn watching(&self) -> Option<&dyn Watching<f64>> {
-        Some(self)
-    }
-
     /// Keeps the weights and resets the orientations to those at rest.
     fn partition_among(
         &mut self,
         communicator: &Arc<dyn Communicator>,
-    ) -> arlequin_core::Result<Shared<f64>> {
+    ) -> arlequin_core::Result<Arc<dyn Interpolation<f64>>> {
         self.bisect(communicator).map_err(|e| self.named_error(&e))
     }
 
-    fn portion(&self) -> Option<&Portion> {
-        self.halo.as_ref().map(|h| &**h.portion())
+    fn owned(&self) -> Owned {
+        let whole = || Owned::whole(self.nodes.len());
+        self.halo.as_ref().map_or_else(whole, |h| h.owned().clone())
     }
 
     fn save(&self) -> Record<f64> {
@@ -445,26 +436,22 @@ impl Model<f64> for DemModel {
         self.recall(from.clone())
     }
 
-    fn effects(&self) -> &[&'static str] {
-        // The active effects are a range of this list, because either end may be left out.
-        let names = &["fracture", "finite-rotations"];
-        &names[usize::from(self.fracture.is_none())..1 + usize::from(self.has_finite_rotations())]
-    }
-
     fn facts(&self) -> Vec<(String, f64)> {
         self.fracture_facts()
     }
 
-    fn recovery(&self) -> Option<&dyn Recovery<f64>> {
-        Some(self)
-    }
-
-    fn links(&self) -> Option<&dyn Links<f64>> {
-        Some(self)
-    }
-
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        (!self.has_finite_rotations() && self.halo.is_none()).then_some(self as _)
+    fn views(&self) -> Views<'_, f64> {
+        let turns = self.has_finite_rotations();
+        // The active effects are a range of this list, because either end may be left out.
+        let names = &["fracture", "finite-rotations"];
+        let mut views = Views::default();
+        views.effects = &names[usize::from(self.fracture.is_none())..1 + usize::from(turns)];
+        views.linear = (!turns && self.halo.is_none()).then_some(self as _);
+        views.particles = self.field.samples();
+        views.recovery = Some(self);
+        views.links = Some(self);
+        views.watching = Some(self);
+        views
     }
 }
 
@@ -481,7 +468,7 @@ impl Evolving<f64> for DemModel {
     }
 
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
-        Ok(self.break_bonds(step)?)
+        self.break_bonds(step)
     }
 }
 

@@ -13,10 +13,8 @@ use crate::error::{Error, Result, positive};
 use crate::fracture::SharedLog;
 use crate::numbered::Numbered;
 use crate::particles::{BondedParticles, Contents, Extents, check_spheres, expect_len, longest};
-use arlequin_core::ParticleField;
-use arlequin_core::ranks::{
-    self, Communicator, Division, Exact, Halo, Message, Portion, RankError, Reduction, UNIT,
-};
+use arlequin_core::ranks::{self, Communicator, Division, Halo, Message, RankError, Reduction, UNIT};
+use arlequin_core::{Exact, Owned, ParticleField};
 use nalgebra::{Point3, Vector3};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, OnceLock};
@@ -67,26 +65,24 @@ impl DemModel {
         communicator: Arc<dyn Communicator>,
     ) -> Result<Self> {
         let rank_error = |e: RankError| Error::Core(arlequin_core::Error::Rank(e));
-        let communicator: &Arc<dyn Communicator> = &communicator;
-        let portion = Portion::new(division.clone(), communicator.clone()).map_err(rank_error)?;
-        let portion = Arc::new(portion);
-        let piece = piece.checked(&portion)?;
+        let owned = Owned::divided(division.clone(), communicator.clone())?;
+        let piece = piece.checked(&owned)?;
         let what = "the body of particles that they make parts of";
-        ranks::agree(&**communicator, what, piece.digest(division)).map_err(rank_error)?;
-        let halo = Halo::of_links(portion.clone(), piece.pairs.iter().copied());
-        agree_on_bonds(&halo, &piece.pairs).map_err(rank_error)?;
+        ranks::agree(&*communicator, what, piece.digest(division)).map_err(rank_error)?;
+        let halo = Halo::of_links(&owned, piece.pairs.iter().copied());
+        agree_on_bonds(&halo, &*communicator, &piece.pairs).map_err(rank_error)?;
         let piece = piece.with_ghosts_like(&halo);
-        agree_on_ghosts(&halo, &piece).map_err(rank_error)?;
-        let bonds = number_bonds(&halo, &piece.pairs).map_err(rank_error)?;
+        agree_on_ghosts(&halo, &*communicator, &piece).map_err(rank_error)?;
+        let bonds = number_bonds(&halo, division, &*communicator, &piece.pairs).map_err(rank_error)?;
         let model = Self::from_ordered(name, piece, &halo, bonds);
-        // Sums between ranks keep their first error in the portion.
-        portion.failure().map_or(model, |e| Err(rank_error(e.clone())))
+        // An error of a sum over ranks is the cause of all others.
+        owned.check_communication()?;
+        model
     }
 
     /// Makes the model from particles in the order of the part and bonds in the order of the body.
     fn from_ordered(name: &str, piece: Piece, halo: &Halo, numbered: Numbered) -> Result<Self> {
-        let portion = halo.portion();
-        let owned = portion.nodes();
+        let owned = halo.owned().nodes();
         let Piece {
             numbers,
             positions,
@@ -106,7 +102,9 @@ impl DemModel {
         }
         drop(places);
         let in_body = |e: Error| in_numbers(e, &numbers, &numbered.bonds);
-        let longest = portion.largest(longest(&positions, &radii, &pairs).map_err(in_body)?);
+        let longest = halo
+            .owned()
+            .largest(longest(&positions, &radii, &pairs).map_err(in_body)?);
         let contents = Contents {
             volumes: &volumes,
             // Every ghost has a bond, and `checked` has refused owned particles without bonds.
@@ -124,7 +122,7 @@ impl DemModel {
             .collect();
         let mut volume = Exact::zero();
         volumes[..owned].iter().for_each(|v| volume.add(*v));
-        let [volume] = portion.total([volume]);
+        let [volume] = halo.owned().total([volume]);
         let mut order = numbers;
         order.truncate(owned);
         order.shrink_to_fit();
@@ -154,13 +152,13 @@ impl DemModel {
 impl Piece {
     /// Checks the part and sorts its bonds in the order of the whole body, each with its smaller number
     /// first.
-    fn checked(mut self, portion: &Portion) -> Result<Self> {
+    fn checked(mut self, ownership: &Owned) -> Result<Self> {
         let count = self.numbers.len();
-        let particles = portion.division().nodes();
+        let particles = ownership.nodes_of_whole();
         expect_len("centres of a part", self.positions.len(), count)?;
         expect_len("volumes of a part", self.volumes.len(), count)?;
-        let owned = portion.nodes();
-        let is_owned = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(portion.global(k));
+        let owned = ownership.nodes();
+        let is_owned = |k: usize| self.numbers.get(k).map(|n| *n as usize) == Some(ownership.global(k));
         if !(0..owned).all(is_owned) {
             let matching = (0..owned).take_while(|k| is_owned(*k)).count();
             return Err(Error::LengthMismatch {
@@ -201,7 +199,7 @@ impl Piece {
                     count,
                 });
             }
-            let ends = pair.map(|i| portion.local(i as usize));
+            let ends = pair.map(|i| ownership.local(i as usize));
             if ends == [None, None] {
                 return Err(Error::out_of_range(
                     "bond of a part",
@@ -216,7 +214,7 @@ impl Piece {
         if let Some(k) = bonded.iter().position(|b| !b) {
             let isolated = bonded.iter().filter(|b| !**b).count();
             return Err(Error::IsolatedParticle {
-                particle: portion.global(k),
+                particle: ownership.global(k),
                 isolated,
             });
         }
@@ -225,7 +223,7 @@ impl Piece {
 
     /// Sorts the ghosts in the order of `halo`, behind the owned particles.
     fn with_ghosts_like(mut self, halo: &Halo) -> Self {
-        let owned = halo.portion().nodes();
+        let owned = halo.owned().nodes();
         let mut places: Vec<(u32, usize)> = self.numbers[owned..].iter().copied().zip(owned..).collect();
         places.sort_unstable();
         let find = |g: &u32| {
@@ -295,11 +293,14 @@ fn in_numbers(mut error: Error, particles: &[u32], bonds: &[u32]) -> Error {
 
 /// Checks that ranks agree about the bonds between them: one side adds a hash of each bond, the other
 /// subtracts it.
-fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), RankError> {
-    let portion = halo.portion();
+fn agree_on_bonds(
+    halo: &Halo,
+    communicator: &dyn Communicator,
+    pairs: &[[u32; 2]],
+) -> std::result::Result<(), RankError> {
     let mut sums = [0_i64; 2];
     for pair in pairs {
-        let is_owned = pair.map(|i| portion.local(i as usize).is_some());
+        let is_owned = pair.map(|i| halo.owned().local(i as usize).is_some());
         if is_owned[0] != is_owned[1] {
             let mut hasher = DefaultHasher::new();
             pair.iter().for_each(|i| hasher.write_u32(*i));
@@ -310,7 +311,6 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
             sums[1] += sign * (words & u64::from(u32::MAX)).cast_signed();
         }
     }
-    let communicator = portion.communicator();
     communicator.reduce(&mut sums, Reduction::Sum)?;
     match sums {
         [0, 0] => Ok(()),
@@ -322,8 +322,12 @@ fn agree_on_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<(), Ra
 }
 
 /// Checks that the ghosts of each rank equal the particles of their owners.
-fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankError> {
-    let (portion, owned) = (halo.portion(), halo.portion().nodes());
+fn agree_on_ghosts(
+    halo: &Halo,
+    communicator: &dyn Communicator,
+    piece: &Piece,
+) -> std::result::Result<(), RankError> {
+    let owned = halo.owned().nodes();
     // Every rank finishes the exchange before it reports, so that no rank waits for a message.
     let mut differing = None;
     halo.exchange::<SENT>(
@@ -336,7 +340,6 @@ fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankEr
         },
     )?;
     let mut words = [differing.map_or(0, |g| i64::from(g) + 1)];
-    let communicator = portion.communicator();
     communicator.reduce(&mut words, Reduction::Largest)?;
     match words[0] {
         0 => Ok(()),
@@ -348,11 +351,13 @@ fn agree_on_ghosts(halo: &Halo, piece: &Piece) -> std::result::Result<(), RankEr
 }
 
 /// Returns the numbers of the bonds in the whole body, counted in the order of their first particles.
-fn number_bonds(halo: &Halo, pairs: &[[u32; 2]]) -> std::result::Result<Numbered, RankError> {
-    let portion = halo.portion();
-    let division = portion.division();
-    let communicator = portion.communicator();
-    let is_owned = |i: u32| portion.local(i as usize).is_some();
+fn number_bonds(
+    halo: &Halo,
+    division: &Division,
+    communicator: &dyn Communicator,
+    pairs: &[[u32; 2]],
+) -> std::result::Result<Numbered, RankError> {
+    let is_owned = |i: u32| halo.owned().local(i as usize).is_some();
     // Counts the bonds of each unit by their first particle, then the bonds of all units before it.
     let mut before = vec![0_i64; division.nodes().div_ceil(UNIT)];
     let firsts = pairs.iter().map(|p| p[0]).filter(|i| is_owned(*i));

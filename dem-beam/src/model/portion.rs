@@ -9,8 +9,8 @@ use super::poses::Reader;
 use crate::error::{Error, Result};
 use crate::kernel::layout::work;
 use crate::numbered::Numbered;
-use arlequin_core::ranks::{self, Communicator, Division, Halo, Portion, UNIT, Unit};
-use arlequin_core::{ParticleField, Shared};
+use arlequin_core::ranks::{self, Communicator, Division, Halo, UNIT, Unit};
+use arlequin_core::{Interpolation, Model, Owned, ParticleField};
 use nalgebra::Vector3;
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
@@ -50,7 +50,7 @@ impl DemModel {
     /// Returns this rank's part of the body: its units of `division`, with all their bonds. Collective: all
     /// ranks must have made the same body and make the same calls of the part.
     ///
-    /// Supports, initial states and weights refer to the part ([`Portion::local`] finds a particle of the
+    /// Supports, initial states and weights refer to the part ([`Owned::local`] finds a particle of the
     /// whole body). Requests that need the whole body are refused with an error that names them. Energies and
     /// the critical step are those of the whole body.
     ///
@@ -68,28 +68,21 @@ impl DemModel {
     }
 
     /// Partitions the body by the work of its units and keeps this rank's part.
-    pub(super) fn bisect(&mut self, communicator: &Arc<dyn Communicator>) -> Result<Shared<f64>> {
+    pub(super) fn bisect(
+        &mut self,
+        communicator: &Arc<dyn Communicator>,
+    ) -> Result<Arc<dyn Interpolation<f64>>> {
         let division = Division::bisect(self.nodes.len(), &self.units(), communicator.ranks());
-        let division = division.map_err(|e| Error::Core(arlequin_core::Error::Rank(e)))?;
-        let portion = self.keep_part(&division, communicator.clone())?;
-        let field = self.field.clone();
-        Ok(Shared { portion, field })
+        let division = division.map_err(arlequin_core::Error::from)?;
+        self.keep_part(&division, communicator.clone())?;
+        Ok(self.field.clone())
     }
 
-    fn keep_part(
-        &mut self,
-        division: &Division,
-        communicator: Arc<dyn Communicator>,
-    ) -> Result<Arc<Portion>> {
+    fn keep_part(&mut self, division: &Division, communicator: Arc<dyn Communicator>) -> Result<()> {
         self.require_whole("sharing out")?;
-        let rank_error = |e| Error::Core(arlequin_core::Error::Rank(e));
-        ranks::agree(
-            &*communicator,
-            "the bodies of particles that they have made",
-            self.digest(),
-        )
-        .map_err(rank_error)?;
-        let portion = Portion::new(division.clone(), communicator).map_err(rank_error)?;
+        let what = "the bodies of particles that they have made";
+        ranks::agree(&*communicator, what, self.digest()).map_err(arlequin_core::Error::from)?;
+        let ownership = Owned::divided(division.clone(), communicator)?;
         if division.nodes() != self.nodes.len() {
             return Err(Error::LengthMismatch {
                 what: "particles of the division",
@@ -97,9 +90,8 @@ impl DemModel {
                 expected: self.nodes.len(),
             });
         }
-        let portion = Arc::new(portion);
-        let owned: Vec<usize> = (0..portion.nodes()).map(|i| portion.global(i)).collect();
-        let halo = Halo::of_links(portion.clone(), self.body.pairs().iter().copied());
+        let owned: Vec<usize> = (0..ownership.nodes()).map(|i| ownership.global(i)).collect();
+        let halo = Halo::of_links(&ownership, self.body.pairs().iter().copied());
         let numbers: Vec<u32> = owned.iter().map(|i| *i as u32).collect();
         let bonds = self.body.pairs().len();
         let (body, bond_numbers) = self.body.part(&numbers, halo.ghosts());
@@ -121,12 +113,11 @@ impl DemModel {
         self.halo = Some(halo);
         self.numbered = Some(numbered);
         self.break_apart();
-        Ok(portion)
+        Ok(())
     }
 
     /// Returns the volume that each particle stands for \[m³\].
     fn field_samples(&self) -> Vec<f64> {
-        use arlequin_core::Interpolation;
         let samples = self.field.samples().unwrap_or_default();
         samples.iter().map(|s| s.measure).collect()
     }
@@ -176,15 +167,14 @@ impl DemModel {
             let bonds = self.unit_bonds[particles.start / UNIT].clone();
             [bonds.map(|b| reader.energy(&self.body, b)).sum()]
         };
-        let portion = self.halo.as_ref().map(|h| &**h.portion());
         // Sums of units do not depend on the partition, so the energy has the same bits on any number of
         // ranks.
-        let [sum] = ranks::sum(self.nodes.len(), portion, &part);
+        let [sum] = self.owned().sum(&part);
         sum
     }
 
     /// Receives the states of the ghosts from their owners, see [`Reader::state_to_send`].
-    /// [`Portion::failure`] keeps an error of the exchange, after which the states are NaN.
+    /// [`Owned::check_communication`] keeps an error of the exchange, after which the states are NaN.
     pub(super) fn receive_ghosts(&self, q: &[f64]) -> Vec<[f64; 7]> {
         let Some(halo) = &self.halo else {
             return Vec::new();

@@ -35,8 +35,8 @@ impl DemModel {
             let mut bonds = fracture.adjacency.row(*i).iter();
             *i < self.nodes.len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
         };
-        let portion = self.portion();
-        let global = |i: &usize| portion.map_or(*i, |p| p.global(*i)) as i64;
+        let owned = self.owned();
+        let global = |i: &usize| owned.global(*i) as i64;
         let (mut broken, mut opening) = (0, 0.0_f64);
         let mut loose: Vec<i64> = Vec::new();
         for event in log.events().iter().filter(|e| e.overlap) {
@@ -50,11 +50,9 @@ impl DemModel {
             opening = opening.max(((position(j) - position(i)).norm() - event.distance) / radius);
             loose.extend([i, j].iter().filter(|i| gone(i)).map(global));
         }
-        if let Some(p) = portion {
-            // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
-            loose = p.all_gather(&loose).unwrap_or_default();
-            opening = p.largest(opening);
-        }
+        // The run reports an error between ranks ([`arlequin_core::Owned::check_communication`]).
+        loose = owned.all_gather(loose).unwrap_or_default();
+        opening = owned.largest(opening);
         loose.sort_unstable();
         loose.dedup();
         if loose.is_empty() && opening <= 1.0 {

@@ -6,9 +6,10 @@ use super::poses::Reader;
 use crate::contact::neighbours;
 use crate::fracture::{BreakLog, locked};
 use crate::packing::cells::{Sphere, spheres};
+use arlequin_core::Exact;
 use arlequin_core::Model;
 use arlequin_core::effect::Finding;
-use arlequin_core::ranks::{Exact, Halo, RankError};
+use arlequin_core::ranks::Halo;
 
 /// Largest rotation \[rad\] for which the small-rotation law errs by at most half a per cent of its forces.
 const SMALL_ROTATION: f64 = 0.1;
@@ -32,14 +33,11 @@ impl DemModel {
     /// Returns the global sum of `count` and the global maximum of `top`, which must not be negative.
     /// Collective.
     fn on_all_ranks(&self, count: usize, top: f64) -> (usize, f64) {
-        let Some(portion) = self.portion() else {
-            return (count, top);
-        };
+        let owned = self.owned();
         let mut sum = Exact::zero();
         sum.add(count as f64);
-        let [count] = portion.total([sum]);
-        // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
-        (count as usize, portion.largest(top))
+        let [count] = owned.total([sum]);
+        (count as usize, owned.largest(top))
     }
 
     fn large_rotation(&self, q: &[f64]) -> Option<Finding> {
@@ -90,7 +88,7 @@ impl DemModel {
         let log = locked(&self.log);
         let overlaps = match &self.halo {
             None => neighbours::overlaps(&self.body, q, TOLERATED_OVERLAP, |b| log.is_broken(b)),
-            // An error between ranks is kept for [`arlequin_core::ranks::Portion::failure`].
+            // The run reports an error between ranks ([`arlequin_core::Owned::check_communication`]).
             Some(halo) => self.overlaps_in_parts(halo, q, &log).unwrap_or_default(),
         };
         let (count, worst) = overlaps.unwrap_or_default();
@@ -111,13 +109,15 @@ impl DemModel {
         halo: &Halo,
         q: &[f64],
         log: &BreakLog,
-    ) -> Result<Option<(usize, f64)>, RankError> {
-        let (owned, portion) = (self.nodes.len(), halo.portion());
+    ) -> arlequin_core::Result<Option<(usize, f64)>> {
+        let owned = self.nodes.len();
         let mut at_rest = spheres(&self.body.positions()[..owned], &self.body.radii()[..owned]);
         let mut displaced = neighbours::displaced(&at_rest, q);
         let centres: Vec<[f64; 3]> = displaced.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
-        let reach = portion.largest(2.0 * at_rest.iter().fold(0.0_f64, |m, s| m.max(s[3])));
-        let near_halo = Halo::near(portion.clone(), &centres, reach)?;
+        let reach = halo
+            .owned()
+            .largest(2.0 * at_rest.iter().fold(0.0_f64, |m, s| m.max(s[3])));
+        let near_halo = Halo::near(halo.owned(), &centres, reach)?;
         let mut ghosts: Vec<[Sphere; 2]> = vec![[[0.0; 4]; 2]; near_halo.ghosts().len()];
         let read = |i: usize| {
             let states = [at_rest[i], displaced[i]];
@@ -128,22 +128,14 @@ impl DemModel {
         })?;
         at_rest.extend(ghosts.iter().map(|t| t[0]));
         displaced.extend(ghosts.iter().map(|t| t[1]));
-        let number_near = |k: usize| match k.checked_sub(owned) {
-            None => portion.global(k),
-            Some(ghost) => near_halo.ghosts()[ghost] as usize,
-        };
-        let number_in_body = |k: u32| match (k as usize).checked_sub(owned) {
-            None => portion.global(k as usize),
-            Some(ghost) => halo.ghosts()[ghost] as usize,
-        };
         let bonds = self.body.adjacency();
         let may_touch = |i: usize, k: usize| {
-            let k = number_near(k);
+            let k = near_halo.global(k);
             let mut bonds = bonds.row(i).iter();
             // Each pair is counted once, by the owner of its smaller number.
-            k > portion.global(i)
+            k > halo.global(i)
                 && bonds
-                    .find(|e| number_in_body(e[0]) == k)
+                    .find(|e| halo.global(e[0] as usize) == k)
                     .is_none_or(|e| log.is_broken_here(e[1] as usize))
         };
         let first = [&at_rest[..owned], &at_rest[..]];

@@ -28,8 +28,8 @@ use crate::contact::{self, ContactBody, ContactLaw, Grains, Pair, Spring};
 use crate::error::{Error, Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
+use arlequin_core::Exact;
 use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
-use arlequin_core::ranks::Exact;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Model, TimeFunction};
 use nalgebra::{Point3, Vector3};
@@ -447,8 +447,9 @@ impl Body {
 impl EffectSpec<f64> for Obstacle {
     fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> arlequin_core::Result<Box<dyn Effect<f64>>> {
         let effect = format!("obstacle '{}'", self.0.name);
-        if let Some(portion) = host.shared()? {
-            self.0.restrict(portion, host, &effect)?;
+        let owned = host.owned()?;
+        if owned.is_part() {
+            self.0.restrict(owned, host, &effect)?;
             return Ok(Box::new(self.0));
         }
         self.0.grains.attach(host, &effect)?;
@@ -548,8 +549,7 @@ impl Effect<f64> for Body {
 
     fn step_demand(&self) -> StepDemand<f64> {
         let flat = |r: f64| self.law.law.stiffness([1e12 * r, r]);
-        let grains = self.partition.as_ref().map_or(&self.grains, |c| &c.grains);
-        let mut top = grains.top(flat);
+        let mut top = self.owned().1.top(flat);
         if let Motion::Free { mass, .. } = &self.motion {
             // A body lighter than the particles is the softer end of the spring. Sliding also rotates a ball
             // of any inertia, while the factor 3.5 in the law's demand is for a full ball.

@@ -5,42 +5,34 @@ use super::near::{Near, place};
 use super::{Active, Body, allowed};
 use crate::contact::gathered::Gathered;
 use crate::contact::{Grains, Spring};
+use arlequin_core::Owned;
 use arlequin_core::effect::{Host, Instant};
-use arlequin_core::ranks::{Portion, RankError};
 use std::borrow::Cow;
-use std::sync::Arc;
 
 /// The particles that this rank owns, and the gathered touching particles of all ranks.
 #[derive(Debug)]
 pub(super) struct PartitionState {
-    portion: Arc<Portion>,
-    pub(super) grains: Grains,
+    owned: Owned,
+    grains: Grains,
     allowed: Vec<f64>,
     near: Near,
     pub(super) gathered: Gathered,
-}
-
-impl PartitionState {
-    /// This rank's part of the partitioned body.
-    pub(super) fn portion(&self) -> &Portion {
-        &self.portion
-    }
 }
 
 impl Body {
     /// Restricts the obstacle to the owned particles; `effect` is the effect's name in errors.
     pub(super) fn restrict(
         &mut self,
-        portion: &Arc<Portion>,
+        owned: Owned,
         host: &Host<'_, f64>,
         effect: &str,
     ) -> arlequin_core::Result<()> {
         let mut grains = std::mem::replace(&mut self.grains, Grains::from_contact_data(&[]));
-        grains.restrict(portion, effect)?;
+        grains.restrict(&owned, effect)?;
         grains.attach(host, effect)?;
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
         self.partition = Some(PartitionState {
-            portion: portion.clone(),
+            owned,
             allowed: allowed(&self.shape, &grains.rest_spheres),
             near: self.near.for_particles(grains.len()),
             grains,
@@ -56,7 +48,7 @@ impl Body {
         partition: &mut PartitionState,
         instant: &Instant<'_, f64>,
         f: &mut [f64],
-    ) -> Result<(), RankError> {
+    ) -> arlequin_core::Result<()> {
         let u = &instant.q[..3 * partition.grains.len()];
         let rest_spheres = &partition.grains.rest_spheres;
         partition
@@ -77,7 +69,7 @@ impl Body {
         members.sort_unstable();
         members.dedup();
         let (gathered, grains, mut forces) =
-            Gathered::gather(&partition.portion, &members, &partition.grains, instant, f)?;
+            Gathered::gather(&partition.owned, &members, &partition.grains, instant, f)?;
         let known = std::mem::replace(&mut partition.gathered, gathered);
         let gathered = &partition.gathered;
         let mut springs = vec![Spring::default(); gathered.ids.len()];
@@ -110,10 +102,12 @@ impl Body {
         contacts.filter_map(move |a| Some((local(a.particle as usize)?, a)))
     }
 
-    /// Number of particles of the whole body.
-    pub(super) fn all_particles(&self) -> usize {
-        let partition = self.partition.as_ref();
-        partition.map_or(self.springs.len(), |c| c.portion.division().nodes())
+    /// The particles that this rank owns, all of them or a part.
+    pub(super) fn owned(&self) -> (Owned, &Grains) {
+        match &self.partition {
+            Some(partition) => (partition.owned.clone(), &partition.grains),
+            None => (Owned::whole(self.grains.len()), &self.grains),
+        }
     }
 
     /// Springs of all particles of the whole body.
@@ -121,7 +115,7 @@ impl Body {
         let Some(partition) = &self.partition else {
             return Cow::from(&self.springs);
         };
-        let mut out = vec![Spring::default(); self.all_particles()];
+        let mut out = vec![Spring::default(); self.owned().0.nodes_of_whole()];
         for (id, spring) in partition.gathered.ids.iter().zip(&self.springs) {
             out[*id as usize] = *spring;
         }
@@ -143,7 +137,7 @@ impl Body {
         ids.dedup();
         self.springs = ids.iter().map(|id| self.springs[*id as usize]).collect();
         partition.gathered = Gathered::from_ids(ids);
-        partition.gathered.find_owned(&partition.portion);
+        partition.gathered.find_owned(&partition.owned);
         for a in &mut self.active {
             a.particle = partition.gathered.place(a.particle).unwrap_or_default() as u32;
         }

@@ -53,7 +53,7 @@ impl Body {
 
     /// Restores what [`Self::recorded`] wrote.
     pub(super) fn recall(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        let n = self.all_particles();
+        let n = self.owned().0.nodes_of_whole();
         let pushes = from.integers.len().saturating_sub(3 + n);
         from.expect(
             &format!("obstacle '{}'", self.name),

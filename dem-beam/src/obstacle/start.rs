@@ -9,7 +9,7 @@
 use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
 use crate::packing::cells::Sphere;
-use arlequin_core::ranks::Portion;
+use arlequin_core::Owned;
 use nalgebra::{Point3, Vector3};
 
 /// Particles that overlap an obstacle by more than the smaller radius of both, and the deepest of them.
@@ -57,11 +57,11 @@ impl Inside {
     }
 
     /// Combines the results of all ranks, with the same result on all of them. Collective.
-    fn on_all_ranks(self, portion: &Portion) -> arlequin_core::Result<Self> {
+    fn on_all_ranks(self, owned: &Owned) -> arlequin_core::Result<Self> {
         let [x, y, z] = self.place;
         let reals = [self.depth, self.limit, x, y, z].map(|v| v.to_bits().cast_signed());
         let words: Vec<i64> = [self.count.cast_signed()].into_iter().chain(reals).collect();
-        let gathered = portion.all_gather(&words)?;
+        let gathered = owned.all_gather(words)?;
         let mut out = Self::default();
         for [count, reals @ ..] in gathered.as_chunks::<WORDS>().0 {
             let [depth, limit, x, y, z] = reals.map(|v| f64::from_bits(v.cast_unsigned()));
@@ -110,16 +110,13 @@ impl Body {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
         }
-        let partition = self.partition.as_ref();
-        let rest_spheres = &partition.map_or(&self.grains, |c| &c.grains).rest_spheres;
-        let displaced = rest_spheres
+        let (owned, grains) = self.owned();
+        let displaced = grains
+            .rest_spheres
             .iter()
             .enumerate()
             .map(|(i, s)| (&s[3], near::place(s, q, i)));
-        let mut inside = Inside::find(&self.shape, &self.moved, displaced);
-        if let Some(partition) = partition {
-            inside = inside.on_all_ranks(partition.portion())?;
-        }
+        let inside = Inside::find(&self.shape, &self.moved, displaced).on_all_ranks(&owned)?;
         let named = |e| arlequin_core::Error::of_model(&self.host, e);
         inside.refuse(&self.name).map_err(named)
     }

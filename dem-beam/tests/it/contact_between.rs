@@ -256,7 +256,7 @@ fn forces_are_equal_and_opposite() {
         weights: &uncoupled,
         inertia: run.subdomains()[k].inertia(),
         inverse_inertia: run.subdomains()[k].inverse_inertia(),
-        portion: None,
+        is_partitioned: false,
     };
     let attached = |tied: [Vec<bool>; 2]| {
         let sides = [side(0), side(1)];

@@ -78,7 +78,7 @@ fn conformance_of_the_linear_law() {
 #[test]
 fn finite_rotations_derive_from_energy_at_any_size() {
     let mut m = model().with_finite_rotations();
-    assert!(m.as_linear().is_none() && m.has_finite_rotations());
+    assert!(m.views().linear.is_none() && m.has_finite_rotations());
     m.set_internal_weight(&Steep { low: 0.1 }).unwrap();
     for (u, turn) in [(1e-6, 0.05), (2e-5, 0.7), (5e-5, 2.0)] {
         let mut q = random(&m, u, turn);
@@ -190,7 +190,7 @@ fn stiffness_matrix_is_minus_the_forces() {
     m.set_internal_weight(&Steep { low: 0.2 }).unwrap();
     let q = random(&m, 1e-7, 1e-3);
     let f = forces(&mut m, &q);
-    let k = m.as_linear().unwrap().stiffness();
+    let k = m.views().linear.unwrap().stiffness();
     let kq = product(&k, &q);
     let scale = f.iter().fold(0.0_f64, |a, f| a.max(f.abs()));
     for (f, k) in f.iter().zip(&kq) {
@@ -200,7 +200,7 @@ fn stiffness_matrix_is_minus_the_forces() {
     assert_relative_eq!(energy, m.internal_energy(&q), epsilon = 0.0, max_relative = 1e-12);
     let mut nodal = NodallyWeighted::new(Box::new(m));
     nodal.set_internal_weight(&Steep { low: 0.2 }).unwrap();
-    assert!(nodal.as_linear().is_none());
+    assert!(nodal.views().linear.is_none());
 }
 
 /// Weights down to 0.1 across two particles leave the critical step of the body unchanged. Below that a

@@ -22,7 +22,12 @@ fn noise(i: usize) -> f64 {
 fn stresses(model: &DemModel, q: &[f64]) -> Vec<Recovered<f64>> {
     let nodes: Vec<usize> = (0..model.nodes().len()).collect();
     let mut out = Vec::new();
-    model.recovery().unwrap().recover(q, &nodes, &mut out).unwrap();
+    model
+        .views()
+        .recovery
+        .unwrap()
+        .recover(q, &nodes, &mut out)
+        .unwrap();
     out
 }
 
@@ -57,7 +62,7 @@ fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
             held -= place * vector(&f).transpose();
         }
         let held = SymmetricTensor::from_matrix(&held);
-        let volumes = model.particles().unwrap().to_vec();
+        let volumes = model.views().particles.unwrap().to_vec();
         let check = |values: &[Recovered<f64>]| {
             let mut sum = [0.0; 6];
             for (r, v) in values.iter().zip(&volumes) {
@@ -98,10 +103,10 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
     };
     let (half, twice) = (stretch(1e-4), stretch(4e-4));
     let mut bonds: Vec<LinkForce<f64>> = Vec::new();
-    model.links().unwrap().forces(&half, &mut bonds).unwrap();
+    model.views().links.unwrap().forces(&half, &mut bonds).unwrap();
     let section = std::f64::consts::PI * (0.71 * 0.5e-3_f64).powi(2);
     let pull = 265e9 * section * 1e-4;
-    for (b, [i, j]) in bonds.iter().zip(model.links().unwrap().pairs()) {
+    for (b, [i, j]) in bonds.iter().zip(model.views().links.unwrap().pairs()) {
         let d = model.nodes()[*j as usize] - model.nodes()[*i as usize];
         let along = f64::from(u8::from(d.x.abs() > 0.5e-3));
         let measured = (b.axial / pull, b.shear / pull);
@@ -115,7 +120,7 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
     let inner = (0..n)
         .find(|i| model.nodes()[*i].coords.iter().all(|c| (1e-3..3e-3).contains(c)))
         .unwrap();
-    let volume = model.particles().unwrap()[inner].measure;
+    let volume = model.views().particles.unwrap()[inner].measure;
     let measured = stresses(&model, &half)[inner].stress;
     assert!(
         (measured.0[0] / (pull * 1e-3 / volume) - 1.0).abs() < 1e-7,
@@ -133,7 +138,7 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
     };
     model.evolving().unwrap().evolve(step).unwrap();
     bonds.clear();
-    model.links().unwrap().forces(&twice, &mut bonds).unwrap();
+    model.views().links.unwrap().forces(&twice, &mut bonds).unwrap();
     assert!(
         bonds.iter().all(|b| b.axial.abs() < 1e-7 * pull),
         "those along x are gone"
@@ -160,7 +165,7 @@ fn of_a_bond_between_unequal_spheres_the_larger_has_the_larger_share() {
     for (i, x) in model.nodes().iter().enumerate() {
         q[3 * i] = 1e-4 * x.x;
     }
-    let (values, volumes) = (stresses(&model, &q), model.particles().unwrap());
+    let (values, volumes) = (stresses(&model, &q), model.views().particles.unwrap());
     let moment = |i: usize| values[i].stress.0[0] * volumes[i].measure;
     let ratio = moment(large) / moment(far);
     let wanted = 2.0 * larger / (larger + small);
@@ -184,7 +189,7 @@ fn of_the_energy_of_a_bond_the_larger_sphere_has_the_larger_share() {
     // Only the large sphere moves: all the energy is in its six bonds.
     let mut q = vec![0.0; 6 * model.nodes().len()];
     q[3 * i] = 1e-8;
-    let held = densities(&model, &q)[i] * model.particles().unwrap()[i].measure;
+    let held = densities(&model, &q)[i] * model.views().particles.unwrap()[i].measure;
     let share = held / model.internal_energy(&q);
     let wanted = large / (large + small);
     assert!((share / wanted - 1.0).abs() < 1e-6, "{share} for {wanted}");
@@ -192,14 +197,19 @@ fn of_the_energy_of_a_bond_the_larger_sphere_has_the_larger_share() {
 
 fn densities(model: &DemModel, q: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
-    model.links().unwrap().energy_densities(q, &mut out).unwrap();
+    model
+        .views()
+        .links
+        .unwrap()
+        .energy_densities(q, &mut out)
+        .unwrap();
     out
 }
 
 /// Returns the sum of the densities over the volumes of the particles, each times a factor of its place
 /// \[J\].
 fn total(model: &DemModel, densities: &[f64], factor: impl Fn(&Point3<f64>) -> f64) -> f64 {
-    let volumes = model.particles().unwrap().iter();
+    let volumes = model.views().particles.unwrap().iter();
     let pairs = densities.iter().zip(volumes);
     pairs.map(|(w, v)| w * v.measure * factor(&v.point)).sum()
 }
@@ -264,7 +274,7 @@ fn energy_density_of_a_stretched_lattice_is_that_of_its_bonds_and_broken_ones_ho
     let inner = (0..n)
         .find(|i| model.nodes()[*i].coords.iter().all(|c| (1e-3..3e-3).contains(c)))
         .unwrap();
-    let volume = model.particles().unwrap()[inner].measure;
+    let volume = model.views().particles.unwrap()[inner].measure;
     let density = densities(&model, &half)[inner];
     assert!((density / (bond / volume) - 1.0).abs() < 1e-9, "{density:e}");
     let (mut f, mut before) = (vec![0.0; 6 * n], vec![0.0; 6 * n]);

@@ -144,8 +144,10 @@ impl Model<f64> for Chain {
         bonds.map(|(k, q)| 0.5 * k * (q[1] - q[0]).powi(2)).sum()
     }
 
-    fn as_linear(&self) -> Option<&dyn LinearModel<f64>> {
-        Some(self)
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.linear = Some(self);
+        views
     }
 }
 

@@ -151,7 +151,7 @@ fn weights_enter_as_element_means() {
     f.fill(0.0);
     model.add_internal_forces(&[0.0, 1.0, 0.0], &mut f).unwrap();
     assert_eq!(f, [6.0, -24.0, 12.0]);
-    assert!(model.as_linear().is_none());
+    assert!(model.views().linear.is_none());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use fem_ref::{Elastic, ElementKind, FemModel, generate};
 
 fn recovered(model: &dyn Model<f64>, q: &[f64], nodes: &[usize]) -> Vec<Recovered<f64>> {
     let mut out = Vec::new();
-    let recovery = model.recovery().expect("a solid knows its stresses");
+    let recovery = model.views().recovery.expect("a solid knows its stresses");
     recovery.recover(q, nodes, &mut out).unwrap();
     out
 }
@@ -147,14 +147,16 @@ fn bars_and_plates_one_element_thick_are_recovered_too() {
     }
     assert!(
         model
-            .recovery()
+            .views()
+            .recovery
             .unwrap()
             .recover(&q, &[9999], &mut Vec::new())
             .is_err()
     );
     assert!(
         model
-            .recovery()
+            .views()
+            .recovery
             .unwrap()
             .recover(&q[1..], &[0], &mut Vec::new())
             .is_err()

@@ -45,7 +45,13 @@ fn served_tetrahedra() {
 #[ignore = "the other side of tests in this file"]
 fn served_particles() {
     let model = particles();
-    let volumes = model.particles().unwrap().iter().map(|s| s.measure).collect();
+    let volumes = model
+        .views()
+        .particles
+        .unwrap()
+        .iter()
+        .map(|s| s.measure)
+        .collect();
     let pairs = Vec::new();
     serve_model(model, None, &Shape::Particles { volumes, pairs });
 }

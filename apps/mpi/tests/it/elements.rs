@@ -183,14 +183,14 @@ fn single_precision_has_the_bits_of_one_rank() {
         FemModel::new("body", mesh, Elastic::new(3.0, 0.2, 1.0).unwrap()).unwrap()
     };
     let forces = |mut m: FemModel<f32>| {
-        let place = |k: usize| m.portion().map_or(k / 3, |p| p.global(k / 3)) * 3 + k % 3;
+        let place = |k: usize| m.owned().global(k / 3) * 3 + k % 3;
         let q: Vec<f32> = (0..m.layout().dofs())
             .map(|k| f32::of((place(k) as f64).sin()))
             .collect();
         let mut f = vec![0.0; q.len()];
         let energy = m.advance_with_energy(&q, &mut f).unwrap();
         let bits: Vec<(usize, u32)> = (0..f.len()).map(|k| (k, f[k].to_bits())).collect();
-        let places = |(k, b)| (m.portion().map_or(k / 3, |p| p.global(k / 3)) * 3 + k % 3, b);
+        let places = |(k, b)| (m.owned().global(k / 3) * 3 + k % 3, b);
         (bits.into_iter().map(places).collect::<Vec<_>>(), energy.to_bits())
     };
     let whole = forces(model());
@@ -217,7 +217,7 @@ fn halos_are_what_elements_ask_for() {
         let mesh = body(kind).mesh().clone();
         let shared = threads::run(3, 1, WAIT, |c| {
             let m = part(kind, &c);
-            let p = m.portion().unwrap();
+            let p = m.owned();
             let owned: BTreeSet<u32> = (0..p.nodes()).map(|i| p.global(i) as u32).collect();
             let halo = m.halo().unwrap();
             let mut ghosts = halo.ghosts().to_vec();
@@ -280,7 +280,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
     let error = |e: Result<String, RankError>| e.unwrap();
     let refused = threads::run(2, 1, WAIT, |c| {
         let mut differing = body(if c.rank() == 0 { "tets" } else { "box" });
-        differing.partition_among(&c).unwrap_err().to_string()
+        differing.partition_among(&c).err().unwrap().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(
@@ -292,14 +292,14 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
         let mut weighted = body("tets");
         let weight = Uniform(if c.rank() == 0 { 1.0 } else { 0.5 });
         weighted.set_internal_weight(&weight).unwrap();
-        weighted.partition_among(&c).unwrap_err().to_string()
+        weighted.partition_among(&c).err().unwrap().to_string()
     });
     for e in refused.into_iter().map(error) {
         assert!(e.contains("its materials or its weights"), "{e}");
     }
     let twice = threads::run(2, 1, WAIT, |c| {
         let mut m = part("box", &c);
-        assert!(m.as_linear().is_none());
+        assert!(m.views().linear.is_none());
         let far = m.nodes().len();
         let beyond = m.recover(&unknowns(&m, 1e-6), &[far], &mut Vec::new());
         let beyond = beyond.unwrap_err().to_string();
@@ -307,7 +307,7 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
             beyond.contains(&format!("'body' here has {far} nodes")),
             "{beyond}"
         );
-        m.partition_among(&c).unwrap_err().to_string()
+        m.partition_among(&c).err().unwrap().to_string()
     });
     for e in twice.into_iter().map(error) {
         assert!(

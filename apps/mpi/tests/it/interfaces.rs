@@ -219,7 +219,7 @@ fn results(case: Case, communicator: Option<Arc<dyn Communicator>>) -> Results {
         let six = |x: &Vec<f64>| [&x[3 * i..3 * i + 3], &x[3 * (n + i)..3 * (n + i) + 3]].concat();
         let vectors = [&s.state().q, &s.state().v, &s.state().a];
         let bits = vectors.into_iter().flat_map(six).map(f64::to_bits);
-        (s.portion().map_or(i, |p| p.global(i)), bits.collect())
+        (s.owned().global(i), bits.collect())
     };
     ((0..n).map(particle_bits).collect(), shared)
 }

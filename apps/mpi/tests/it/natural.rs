@@ -106,7 +106,7 @@ fn steps_under_effects_and_supports_have_the_bits_of_one_rank() {
 fn fields_of_parts_know_their_own_nodes() {
     let counts = threads::run(2, 1, WAIT, |c| {
         let mut m = part(true, &c);
-        let p = m.portion().unwrap();
+        let p = m.owned();
         let shared = Model::nodes(&m).len();
         assert_eq!((shared, p.nodes()), (shared, shared));
         let (whole, field) = (m.field(), arlequin_core::CoarseModel::coarse_field(&m));

@@ -121,7 +121,7 @@ fn halos_are_what_bonds_ask_for() {
     let count = bar(false).nodes().len();
     let parts = threads::run(3, 1, WAIT, |c| {
         let m = part(bar(false), c);
-        let p = m.portion().unwrap();
+        let p = m.owned();
         let owned: Vec<usize> = (0..p.nodes()).map(|i| p.global(i)).collect();
         assert!(owned.iter().enumerate().all(|(i, g)| p.local(*g) == Some(i)));
         (

@@ -60,7 +60,7 @@ fn piece(whole: &DemModel, division: &Division, rank: usize) -> Piece {
     ghosts.reverse();
     let mut numbers: Vec<u32> = (0..whole.nodes().len() as u32).filter(|i| is_owned(*i)).collect();
     numbers.extend(ghosts);
-    let volumes = whole.particles().unwrap();
+    let volumes = whole.views().particles.unwrap();
     let indices = || numbers.iter().map(|i| *i as usize);
     Piece {
         positions: indices().map(|i| whole.body().positions()[i]).collect(),
@@ -209,7 +209,7 @@ fn a_part_holds_what_sharing_out_leaves() {
         assert_eq!(own_part.masses(), shared.masses());
         assert_eq!(own_part.inertias(), shared.inertias());
         assert!(own_part.body().bonds().eq(shared.body().bonds()));
-        let volume: f64 = whole.particles().unwrap().iter().map(|s| s.measure).sum();
+        let volume: f64 = whole.views().particles.unwrap().iter().map(|s| s.measure).sum();
         assert!((own_part.report().volume / volume - 1.0).abs() < 1e-13);
     });
     outcomes.into_iter().for_each(|t| t.unwrap());

@@ -3,10 +3,9 @@
 use super::pieces::Piece;
 use super::writer::Array;
 use crate::error::{Result, core};
-use crate::ranks::elsewhere;
 use crate::spec::OutputField;
-use arlequin::core::ranks::Portion;
-use arlequin::core::{Coupled, Recovered, Subdomain, SymmetricTensor};
+use arlequin::core::{Coupled, Owned, Recovered, Subdomain, SymmetricTensor};
+use std::borrow::Cow;
 
 /// Components of a symmetric tensor as viewers of VTU files name them: xx, yy, zz, xy, yz, xz.
 const TENSOR: usize = 6;
@@ -26,11 +25,11 @@ fn width(field: OutputField) -> usize {
 
 /// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
 pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
-    let nodes = s.model().recovery().map_or(0, |r| {
+    let nodes = s.model().views().recovery.map_or(0, |r| {
         let is_known = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
         s.model().nodes().len() * fields.iter().filter(is_known).map(|f| width(*f)).sum::<usize>()
     });
-    let bonds = s.model().links().map_or(0, |l| l.pairs().len());
+    let bonds = s.model().views().links.map_or(0, |l| l.pairs().len());
     let densities = match energy_from_bonds(fields, s) {
         true => s.model().nodes().len(),
         false => 0,
@@ -53,14 +52,14 @@ pub(super) fn at_points(
     components: usize,
     local_values: Vec<f64>,
 ) -> Result<Vec<f64>> {
-    match (s.portion(), piece) {
-        (None, _) => Ok(local_values),
-        (Some(portion), Some(piece)) => piece.with_ghosts(portion, components, &local_values),
-        (Some(portion), None) => {
-            let gathered = portion.collect(components, &local_values).map_err(elsewhere)?;
-            Ok(gathered.unwrap_or_default())
-        }
+    if let Some(piece) = piece {
+        return piece.with_ghosts(components, &local_values);
     }
+    let gathered = s
+        .owned()
+        .gather(components, &local_values)
+        .map_err(core("ranks"))?;
+    Ok(gathered.map(Cow::into_owned).unwrap_or_default())
 }
 
 /// Stresses and strains at the nodes, as far as `fields` asks for them and the model has them; see
@@ -71,7 +70,7 @@ pub(super) fn recovered(
     piece: Option<&Piece>,
 ) -> Result<Vec<Array>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
-    let Some(recovery) = s.model().recovery().filter(|_| wanted) else {
+    let Some(recovery) = s.model().views().recovery.filter(|_| wanted) else {
         return Ok(Vec::new());
     };
     let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
@@ -112,7 +111,7 @@ pub(super) fn recovered(
 /// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
 /// gradients in the cells.
 pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> bool {
-    fields.contains(&OutputField::EnergyDensity) && s.model().links().is_some()
+    fields.contains(&OutputField::EnergyDensity) && s.model().views().links.is_some()
 }
 
 /// Unweighted strain energy density of the nodes of a model with bonds; see [`at_points`].
@@ -121,7 +120,7 @@ pub(super) fn energy_densities(
     s: &Subdomain<f64>,
     piece: Option<&Piece>,
 ) -> Result<Option<Array>> {
-    let links = s.model().links().filter(|_| energy_from_bonds(fields, s));
+    let links = s.model().views().links.filter(|_| energy_from_bonds(fields, s));
     let Some(links) = links else { return Ok(None) };
     let mut densities = Vec::with_capacity(s.model().nodes().len());
     let read = links.energy_densities(&s.state().q, &mut densities);
@@ -164,20 +163,20 @@ type Carried = [f64; WIDTH];
 /// Gathers the numbers of all bonds on rank 0 (empty elsewhere), in the order of the whole model.
 /// `local_bonds` has each bond whose first particle this rank owns, as that particle and the numbers, sorted
 /// by particle.
-fn gather_bonds(portion: &Portion, local_bonds: &[(usize, Carried)]) -> Result<Vec<Carried>> {
-    let mut counts = vec![0.0; portion.nodes()];
+fn gather_bonds(owned: &Owned, local_bonds: &[(usize, Carried)]) -> Result<Vec<Carried>> {
+    let mut counts = vec![0.0; owned.nodes()];
     local_bonds.iter().for_each(|b| counts[b.0] += 1.0);
     // Every particle gets as many slots as the one with most bonds needs, because `collect` takes a fixed
     // number of values per node.
-    let most = portion.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
-    let mut places = vec![0.0; WIDTH * most * portion.nodes()];
+    let most = owned.largest(counts.iter().fold(0.0, |m: f64, c| m.max(*c))) as usize;
+    let mut places = vec![0.0; WIDTH * most * owned.nodes()];
     for bonds in local_bonds.chunk_by(|a, b| a.0 == b.0) {
         let first = WIDTH * most * bonds[0].0;
         let numbers = bonds.iter().flat_map(|b| b.1);
         places[first..].iter_mut().zip(numbers).for_each(|(p, x)| *p = x);
     }
-    let counts = portion.collect(1, &counts).map_err(elsewhere)?;
-    let places = portion.collect(WIDTH * most, &places).map_err(elsewhere)?;
+    let counts = owned.gather(1, &counts).map_err(core("ranks"))?;
+    let places = owned.gather(WIDTH * most, &places).map_err(core("ranks"))?;
     let (Some(counts), Some(places)) = (counts, places) else {
         return Ok(Vec::new());
     };
@@ -201,9 +200,9 @@ pub(super) fn bonds(
 ) -> Result<Vec<Array>> {
     let wanted = fields.contains(&OutputField::BondForces);
     // A rank of a partitioned model has only some of the bonds, so that the count does not tell.
-    let whole = s.portion().is_none();
-    let links = s.model().links();
-    let links = links.filter(|l| wanted && (!whole || l.pairs().len() == cells));
+    let owned = s.owned();
+    let links = s.model().views().links;
+    let links = links.filter(|l| wanted && (owned.is_part() || l.pairs().len() == cells));
     let Some(links) = links else { return Ok(Vec::new()) };
     let mut forces = Vec::with_capacity(cells);
     let result = links.forces(&s.state().q, &mut forces);
@@ -217,16 +216,16 @@ pub(super) fn bonds(
     let numbers = forces
         .iter()
         .map(|b| [b.axial, b.shear, b.utilisation.unwrap_or_default()]);
-    let (rows, known) = match s.portion() {
-        None => (numbers.collect(), known),
-        Some(portion) => {
+    let (rows, known) = match owned.is_part() {
+        false => (numbers.collect(), known),
+        true => {
             let local_bonds = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
-            let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < portion.nodes()).collect();
+            let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < owned.nodes()).collect();
             let rows = match piece {
                 Some(_) => local_bonds.iter().map(|b| b.1).collect(),
-                None => gather_bonds(portion, &local_bonds)?,
+                None => gather_bonds(&owned, &local_bonds)?,
             };
-            (rows, !portion.any(!known).map_err(elsewhere)?)
+            (rows, !owned.any(!known).map_err(core("ranks"))?)
         }
     };
     let part = |c: usize| rows.iter().map(|x: &Carried| x[c]).collect();

@@ -2,7 +2,6 @@
 
 use super::put;
 use crate::error::{Result, core};
-use crate::ranks::elsewhere;
 use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::{Coupled, Subdomain, Uniform};
@@ -53,10 +52,7 @@ fn gather_on_first<'a>(
     components: usize,
     x: &'a [f64],
 ) -> Result<Option<Cow<'a, [f64]>>> {
-    match s.portion() {
-        None => Ok(Some(x.into())),
-        Some(p) => Ok(p.collect(components, x).map_err(elsewhere)?.map(Cow::from)),
-    }
+    s.owned().gather(components, x).map_err(core("ranks"))
 }
 
 /// The fragments of all models whose bonds can break.
@@ -105,7 +101,7 @@ impl Fragments {
         let mut bodies = Vec::new();
         for (number, (s, info)) in run.subdomains().iter().zip(models).enumerate() {
             let model = s.model();
-            let Some(breaks) = info.breaks.clone().filter(|_| model.links().is_some()) else {
+            let Some(breaks) = info.breaks.clone().filter(|_| model.views().links.is_some()) else {
                 continue;
             };
             let mut inertia = vec![0.0; model.layout().dofs()];
@@ -175,7 +171,7 @@ impl Fragments {
 pub(crate) fn loose(run: &Coupled<f64>, breaks: &[Option<SharedLog>]) -> Option<(usize, String, [f64; 3])> {
     let mut largest = None;
     for (s, log) in run.subdomains().iter().zip(breaks) {
-        let (Some(links), Some(log)) = (s.model().links(), log) else {
+        let (Some(links), Some(log)) = (s.model().views().links, log) else {
             continue;
         };
         let (log, layout, nodes) = (locked(log), s.model().layout(), s.model().nodes());

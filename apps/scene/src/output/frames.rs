@@ -4,8 +4,8 @@ use super::fields;
 use super::painter::{Painter, Seen, vectors};
 use super::pieces::Piece;
 use super::writer::{Array, Entry, WRITERS, Writer};
-use crate::error::{Error, Result, write};
-use crate::ranks::{Ranks, check_exchange};
+use crate::error::{Error, Result, core, write};
+use crate::ranks::Ranks;
 use crate::setup::{Grid, ModelInfo, RigidPicture};
 use crate::spec::OutputField;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -91,7 +91,7 @@ impl Frames {
         let models = pictures.models.iter_mut().zip(run.subdomains());
         let pieces = models.map(|(info, s)| {
             let gradients = density && !fields::energy_from_bonds(fields, s);
-            s.portion().map(|p| Piece::cut(info, p, gradients)).transpose()
+            Piece::cut(info, s, gradients)
         });
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
         let mut out = Self::with_pieces(Some(folder), fields, run, pictures, pieces);
@@ -261,7 +261,7 @@ impl Frames {
 
     fn write_models(&self, run: &Coupled<f64>, to: &mut Written) -> Result<()> {
         for (part, s) in run.subdomains().iter().enumerate() {
-            if !self.leads() && s.portion().is_none() {
+            if !self.leads() && !s.owned().is_part() {
                 check_state(run, s)?;
             } else if let Some(picture) = self.picture(run, part)? {
                 self.write_model(run, part, picture, to);
@@ -421,8 +421,9 @@ fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let state = s.state();
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
     let fault = f64::from(u8::from(!finite));
-    let worst = s.portion().map_or(fault, |p| p.largest(fault));
-    check_exchange(s)?;
+    let owned = s.owned();
+    let worst = owned.largest(fault);
+    owned.check_communication().map_err(core("ranks"))?;
     // A non-finite value on any rank makes `worst` 1, and so the checked number infinite.
     check_finite(run, s.model().name(), &[1.0 / (1.0 - worst)])
 }

@@ -41,24 +41,16 @@ impl<'a> Seen<'a> {
     /// (`None` elsewhere). Collective.
     pub(super) fn gather(s: &'a Subdomain<f64>, piece: Option<&Piece>) -> Result<Option<Self>> {
         let state = s.state();
-        let Some(portion) = s.portion() else {
-            let (q, v) = (Cow::from(&state.q), Cow::from(&state.v));
-            return Ok(Some(Self { q, v }));
-        };
-        let gathered = |x: &[f64]| match piece {
-            None => s.in_all(x).map_err(core("output")),
+        let gathered = |x: &'a [f64]| match piece {
+            None => s.gather(x).map_err(core("output")),
             Some(piece) => {
                 let layout = s.model().layout();
                 let moving = &x[..layout.translations()];
-                piece.with_ghosts(portion, layout.components, moving).map(Some)
+                Ok(Some(piece.with_ghosts(layout.components, moving)?.into()))
             }
         };
         let (q, v) = (gathered(&state.q)?, gathered(&state.v)?);
-        let pair = q.zip(v);
-        Ok(pair.map(|(q, v)| Self {
-            q: q.into(),
-            v: v.into(),
-        }))
+        Ok(q.zip(v).map(|(q, v)| Self { q, v }))
     }
 }
 

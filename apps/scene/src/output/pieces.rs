@@ -2,10 +2,11 @@
 //! it owns, and as ghosts the points of other ranks that these cells need.
 
 use crate::cells::{self, Cell};
-use crate::error::Result;
+use crate::error::{Result, core};
 use crate::ranks::elsewhere;
 use crate::setup::{Grid, ModelInfo};
-use arlequin::core::ranks::{Message, Portion};
+use arlequin::core::ranks::Message;
+use arlequin::core::{Owned, Subdomain};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -31,12 +32,17 @@ pub(crate) struct Piece {
     /// bonds cannot break.
     pub(super) bonds: Vec<[u32; 2]>,
     peers: BTreeMap<usize, Peer>,
+    nodes: Owned,
 }
 
 impl Piece {
     /// Restricts the grid of `info` to the points and cells that this rank shows, and computes the gradients
-    /// in the cells if `gradients` is set. Collective.
-    pub(super) fn cut(info: &mut ModelInfo, portion: &Portion, gradients: bool) -> Result<Self> {
+    /// in the cells if `gradients` is set. `None` for a model that is not partitioned. Collective.
+    pub(super) fn cut(info: &mut ModelInfo, s: &Subdomain<f64>, gradients: bool) -> Result<Option<Self>> {
+        let nodes = s.owned();
+        let Some(portion) = nodes.portion() else {
+            return Ok(None);
+        };
         let (division, this_rank) = (portion.division(), portion.communicator().rank());
         let owner = |node: u32| division.owner(node as usize);
         let whole = info.grid.clone();
@@ -49,7 +55,7 @@ impl Piece {
             wanted.then(|| cells::selected("output.fields", info, cells.iter().map(|k| *k as usize)));
         let failed = centres.as_ref().is_some_and(Result::is_err);
         // All ranks go without gradients if one fails, so that all parts have the same arrays.
-        let lost = portion.any(failed).map_err(elsewhere)?;
+        let lost = nodes.any(failed).map_err(core("ranks"))?;
         let mut centres = centres.and_then(Result::ok).filter(|_| !lost);
 
         let shown_nodes = cells.iter().flat_map(|k| corners(*k)).copied();
@@ -89,24 +95,20 @@ impl Piece {
             let ends = numbered.flat_map(|(b, ends): (u32, _)| ends.iter().map(move |i| (*i as usize, b)));
             bonds.extend(ends.filter_map(|(i, b)| Some([portion.local(i)? as u32, b])));
         }
-        Ok(Self {
+        Ok(Some(Self {
             owned,
             cells,
             centres,
             bonds,
-            peers: agree_peers(portion, &ghosts)?,
+            peers: agree_peers(&nodes, this_rank, &ghosts)?,
             points,
-        })
+            nodes,
+        }))
     }
 
     /// Gathers values with `components` numbers per point: `owned_values` of the owned points, then those of
     /// the ghosts from other ranks. Collective.
-    pub(super) fn with_ghosts(
-        &self,
-        portion: &Portion,
-        components: usize,
-        owned_values: &[f64],
-    ) -> Result<Vec<f64>> {
+    pub(super) fn with_ghosts(&self, components: usize, owned_values: &[f64]) -> Result<Vec<f64>> {
         let values_of = |k: &u32| {
             owned_values[components * *k as usize..]
                 .iter()
@@ -119,8 +121,12 @@ impl Piece {
             into: vec![0.0; components * p.receive],
         };
         let mut messages: Vec<Message> = self.peers.iter().map(message).collect();
-        let exchanged = portion.communicator().exchange(&mut messages);
-        exchanged.map_err(elsewhere)?;
+        if let Some(portion) = self.nodes.portion() {
+            portion
+                .communicator()
+                .exchange(&mut messages)
+                .map_err(elsewhere)?;
+        }
         // `peers` is sorted by rank, and so are the ghosts.
         let ghosts = messages.iter().flat_map(|m| &m.into);
         Ok(owned_values.iter().chain(ghosts).copied().collect())
@@ -129,18 +135,17 @@ impl Piece {
 
 /// Agrees with the other ranks on what each exchange sends and receives. `ghosts` are given by rank and
 /// number. Collective.
-fn agree_peers(portion: &Portion, ghosts: &[(usize, u32)]) -> Result<BTreeMap<usize, Peer>> {
-    let this_rank = portion.communicator().rank() as i64;
+fn agree_peers(nodes: &Owned, this_rank: usize, ghosts: &[(usize, u32)]) -> Result<BTreeMap<usize, Peer>> {
     // One word per ghost: the rank that asks in the high half, the node in the low half.
-    let words: Vec<i64> = ghosts.iter().map(|g| this_rank << 32 | i64::from(g.1)).collect();
-    let requests = portion.all_gather(&words).map_err(elsewhere)?;
+    let words = ghosts.iter().map(|g| (this_rank as i64) << 32 | i64::from(g.1));
+    let requests = nodes.all_gather(words.collect()).map_err(core("ranks"))?;
     let mut peers: BTreeMap<usize, Peer> = BTreeMap::new();
     for (rank, _) in ghosts {
         peers.entry(*rank).or_default().receive += 1;
     }
     for word in requests {
         let node = (word & i64::from(u32::MAX)) as usize;
-        if let Some(local) = portion.local(node) {
+        if let Some(local) = nodes.local(node) {
             let peer = peers.entry((word >> 32) as usize).or_default();
             peer.send.push(local as u32);
         }

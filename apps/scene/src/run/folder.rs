@@ -128,7 +128,7 @@ impl Session<'_> {
 
     /// Returns whether a model of the run is partitioned.
     fn is_partitioned(&self) -> bool {
-        self.run.subdomains().iter().any(|s| s.portion().is_some())
+        self.run.subdomains().iter().any(|s| s.owned().is_part())
     }
 
     /// Returns the folder if this rank writes one.

@@ -6,7 +6,6 @@ use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::LoadStep;
 use crate::output::tables::Table;
 use crate::output::{Entry, Frames};
-use crate::ranks::check_exchange;
 use crate::setup::{ProbeReader, Readings};
 use crate::spec::{Curve, SceneSpec};
 use arlequin::core::{Coupled, EnergySample, Observer, Phase, StepReport};
@@ -339,7 +338,11 @@ impl Recorder {
         let values = self.readers.iter().map(|r| r.read(run, &mut readings));
         let values = values.collect::<Result<Vec<f64>>>()?;
         // After a failed exchange the values mean nothing, so that failure is reported first.
-        run.subdomains().iter().try_for_each(check_exchange)?;
+        let subdomains = run.subdomains().iter();
+        let checked = subdomains.map(|s| s.owned().check_communication());
+        checked
+            .collect::<std::result::Result<(), _>>()
+            .map_err(core("ranks"))?;
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),
@@ -376,7 +379,7 @@ impl Recorder {
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
             let largest = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            let top = d.portion().map_or(largest, |p| p.largest(largest));
+            let top = d.owned().largest(largest);
             self.top_speed = self.top_speed.max(top);
         }
         self.residuals.resize(run.interfaces().len(), 0.0);

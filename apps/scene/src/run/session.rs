@@ -60,7 +60,7 @@ impl<'a> Session<'a> {
     ) -> Result<Self> {
         let settings = &scene.spec().output;
         let ranks = scene.ranks();
-        let in_parts = |s: &Subdomain<f64>| s.portion().is_some();
+        let in_parts = |s: &Subdomain<f64>| s.owned().is_part();
         let pieces = settings.pieces && built.run.subdomains().iter().any(in_parts);
         let pictures = Pictures {
             models: match pieces && keep.is_some() {

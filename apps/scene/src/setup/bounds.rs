@@ -3,8 +3,7 @@
 use super::shapes::corners;
 use crate::spec::Shape;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::ranks::Portion;
-use arlequin::core::{Coupled, Elastic};
+use arlequin::core::{Coupled, Elastic, Owned};
 
 /// Bounds of a plausible motion of each model, checked before the first step and during the run.
 #[derive(Debug, Clone, Default)]
@@ -54,7 +53,7 @@ impl Bounds {
             let moving = 0..layout.translations();
             let top = |m: f64, x: &f64| m.max(x.abs());
             let local_top = s.state().v[moving.clone()].iter().fold(0.0, top);
-            let speed = s.portion().map_or(local_top, |p| p.largest(local_top));
+            let speed = s.owned().largest(local_top);
             if speed > b.wave {
                 out.push(format!(
                     "model '{name}': moves at {speed:.3e} m/s at t = {:.3e} s, above its wave speed of {:.3e} m/s; check \
@@ -63,7 +62,7 @@ impl Bounds {
                     b.wave
                 ));
             }
-            let stretch = stretch(s.portion(), &s.state().q[moving], layout.components);
+            let stretch = stretch(&s.owned(), &s.state().q[moving], layout.components);
             if b.small && stretch > b.extent {
                 out.push(format!(
                     "model '{name}': its displacements differ by {stretch:.3e} m at t = {:.3e} s, more than its size of \
@@ -78,15 +77,14 @@ impl Bounds {
 }
 
 /// Largest difference of one displacement component between two nodes \[m\]. Collective.
-fn stretch(portion: Option<&Portion>, q: &[f64], components: usize) -> f64 {
+fn stretch(owned: &Owned, q: &[f64], components: usize) -> f64 {
     let span = |c: usize| {
         let values = q.iter().skip(c).step_by(components).copied();
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
             (a.min(x), b.max(x))
         });
-        let highest = |value: f64| portion.map_or(value, |p| p.highest(value));
         // Both as maxima, for which ranks have an all-reduce.
-        highest(high) + highest(-low)
+        owned.highest(high) + owned.highest(-low)
     };
     (0..components).map(span).fold(0.0, f64::max)
 }

@@ -23,7 +23,7 @@ pub(super) fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<
             (units < ranks).then_some(rule)
         };
         let why = whole(scene, m, body).or_else(small);
-        let what = match body.model.particles() {
+        let what = match body.model.views().particles {
             Some(_) => "particles",
             None => "nodes",
         };
@@ -83,5 +83,6 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
             return Some(format!("probe.{p} asks for what one rank cannot tell"));
         }
     }
-    body.model.portion().map(|_| "it is in parts already".to_owned())
+    let is_part = body.model.owned().is_part();
+    is_part.then(|| "it is in parts already".to_owned())
 }

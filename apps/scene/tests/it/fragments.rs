@@ -191,7 +191,8 @@ fn energy_densities_in_frames_sum_to_the_internal_energy_of_the_ledger() {
         let array = picture.points.iter().find(|a| a.name == "energy density [J/m3]");
         let volumes = results.run.subdomains()[0]
             .model()
-            .particles()
+            .views()
+            .particles
             .expect("particles");
         let densities = &array.expect("an array").values;
         let sum: f64 = densities.iter().zip(volumes).map(|(w, v)| w * v.measure).sum();

@@ -321,7 +321,7 @@ fn ranks_tell_what_one_rank_tells() {
         let mut recorder = LineRecorder::default();
         let scene = Scene::from_text(&text)?.on_ranks(c)?;
         let results = scene.prepare()?.run(&mut recorder)?;
-        let parts = results.run.subdomains().iter().filter(|s| s.portion().is_some());
+        let parts = results.run.subdomains().iter().filter(|s| s.owned().is_part());
         assert!(parts.count() > 0, "something is in parts");
         Ok::<_, arlequin_scene::Error>(recorder.lines)
     });

@@ -332,7 +332,7 @@ fn the_mean_stress_of_particles_is_that_of_their_volume() {
     let s = &built.run.subdomains()[0];
     let mut forces = vec![0.0; s.model().layout().dofs()];
     // F_int = −K q.
-    let stiffness = s.model().as_linear().expect("linear").stiffness();
+    let stiffness = s.model().views().linear.expect("linear").stiffness();
     for (k, (i, j)) in stiffness.iter() {
         forces[i] -= k * s.state().q[j];
     }

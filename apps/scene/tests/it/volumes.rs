@@ -52,7 +52,7 @@ fn volumes_in_a_row_stretch_by_their_own_moduli() {
     let ends: Vec<usize> = (0..nodes.len())
         .filter(|k| [0.0, 2.0].contains(&nodes[*k].x))
         .collect();
-    let recovery = bar.run.subdomains()[0].model().recovery().unwrap();
+    let recovery = bar.run.subdomains()[0].model().views().recovery.unwrap();
     let mut recovered = Vec::new();
     recovery
         .recover(&solved.displacements[0], &ends, &mut recovered)

@@ -126,7 +126,7 @@ impl Naive {
         let n = mass.len();
         let mut t = arlequin::core::sprs::TriMat::new((n, n));
         for (shift, s) in [(0, c), (split, d)] {
-            let linear = s.model().as_linear().ok_or_else(|| Error::Unsupported {
+            let linear = s.model().views().linear.ok_or_else(|| Error::Unsupported {
                 model: s.model().name().to_owned(),
                 what: "be run naively, as it is not linear".into(),
             })?;

@@ -45,7 +45,7 @@ pub(crate) fn part(model: DemModel, communicator: Arc<dyn Communicator>) -> DemM
 
 /// Returns the number of a particle in the whole body.
 pub(crate) fn global(model: &dyn Model<f64>, particle: usize) -> usize {
-    model.portion().map_or(particle, |p| p.global(particle))
+    model.owned().global(particle)
 }
 
 /// Returns a number for every unknown, by its place in the whole body: displacements, then rotations.

@@ -17,7 +17,6 @@ use crate::spec::{Effect, EffectKind, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::RigidShape;
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use surface::{Depth, Shell};
@@ -266,11 +265,7 @@ impl Watch {
         let mut displaced = Vec::new();
         for m in &models {
             let s = &run.subdomains()[*m];
-            let q = &s.state().q;
-            displaced.push(match s.portion() {
-                None => Some(Cow::from(q)),
-                Some(_) => s.in_all(q).map_err(core("time"))?.map(Cow::from),
-            });
+            displaced.push(s.gather(&s.state().q).map_err(core("time"))?);
         }
         for m in &models {
             if !self.members[*m].as_mut().is_some_and(Member::begin) {
@@ -423,11 +418,9 @@ impl Member {
             square = square.max(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         }
         self.speed = square.sqrt();
-        if let Some(p) = s.portion() {
-            // Ranks agree on largest values only: the smallest is that of the negatives.
-            (0..3).for_each(|c| (low[c], high[c]) = (-p.highest(-low[c]), p.highest(high[c])));
-            self.speed = p.largest(self.speed);
-        }
+        let owned = s.owned();
+        (0..3).for_each(|c| (low[c], high[c]) = (-owned.highest(-low[c]), owned.highest(high[c])));
+        self.speed = owned.largest(self.speed);
         // The largest radius for all particles: the box only has to contain them.
         let reach = Vector3::repeat(self.radius);
         self.bounds = [(low - reach).into(), (high + reach).into()];

@@ -129,20 +129,17 @@ impl ProbeReader {
             return;
         };
         let s = &run.subdomains()[row.model];
-        let Some(portion) = s.shared_portion().filter(|_| row.parts.is_none()) else {
+        let owned = s.owned();
+        if !owned.is_part() || row.parts.is_some() {
             return;
-        };
+        }
         let components = s.model().layout().components;
         let mut entries: Vec<&mut (usize, f64)> = row
             .row
             .iter_mut()
             .chain(row.along_arms.iter_mut().flatten())
             .collect();
-        row.parts = Some(Gather::new(
-            portion.clone(),
-            components,
-            entries.iter().map(|r| r.0),
-        ));
+        row.parts = Some(Gather::new(&owned, components, entries.iter().map(|r| r.0)));
         // From now on rows index the gathered vector.
         entries.iter_mut().enumerate().for_each(|(place, r)| r.0 = place);
     }

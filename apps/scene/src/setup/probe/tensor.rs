@@ -2,11 +2,9 @@
 
 use super::place::chosen;
 use crate::error::{Result, core, key};
-use crate::ranks::elsewhere;
 use crate::setup::body::Body;
 use crate::spec::{Component, Probe, Quantity, SceneSpec};
 use arlequin::core::nalgebra::Vector3;
-use arlequin::core::ranks::Portion;
 use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
 /// Radius around a sphere in which its neighbours are counted, in sphere diameters.
@@ -26,9 +24,6 @@ pub(super) struct TensorRow {
     factors: Vec<f64>,
     component: Option<Component>,
 }
-
-/// Length of a node's message: its place, six stresses, six strains.
-const WORDS: usize = 13;
 
 /// Returns whether most of a sphere's neighbours lie on one side of it.
 fn is_on_rim(body: &Body, node: usize) -> bool {
@@ -61,7 +56,7 @@ impl TensorRow {
     ) -> Result<Self> {
         let body = &bodies[model];
         let name = body.model.name();
-        let Some(recovery) = body.model.recovery() else {
+        let Some(recovery) = body.model.views().recovery else {
             let rule = format!("model '{name}' of kind '{}' knows no stresses", body.model.kind());
             return Err(key(format!("{path}.quantity"), rule));
         };
@@ -110,55 +105,43 @@ impl TensorRow {
         })
     }
 
-    /// All-gathers the tensors at the nodes of the probe from the ranks that own them. Collective.
+    /// All-gathers the tensors at the nodes of the probe from the ranks that own them, in the order of the
+    /// probe's nodes. Collective.
     fn gather_tensors(
         &self,
         recovery: &dyn Recovery<f64>,
         s: &Subdomain<f64>,
-        portion: &Portion,
     ) -> Result<Vec<Recovered<f64>>> {
-        let local = |(place, node): (i64, &usize)| portion.local(*node).map(|n| (place, n));
-        let (places, nodes): (Vec<i64>, Vec<usize>) = (0..).zip(&self.nodes).filter_map(local).unzip();
-        let mut words = Vec::with_capacity(WORDS * nodes.len());
-        for (place, r) in places.iter().zip(recovered(recovery, s, &nodes)?) {
+        let owned = s.owned();
+        let local = |(place, node): (usize, &usize)| owned.local(*node).map(|n| (place, n));
+        let (places, nodes): (Vec<_>, Vec<_>) = (0..).zip(&self.nodes).filter_map(local).unzip();
+        let tensors = recovered(recovery, s, &nodes)?;
+        let numbers = |r: &Recovered<f64>| {
             let strain = r.strain.unwrap_or_else(SymmetricTensor::zero);
-            let numbers = r.stress.0.into_iter().chain(strain.0);
-            words.push(*place);
-            // The all-gather carries integers: numbers travel as their bits.
-            words.extend(numbers.map(|x| x.to_bits().cast_signed()));
-        }
-        let mut messages = portion
-            .all_gather(&words)
-            .map_err(elsewhere)?
-            .as_chunks::<WORDS>()
-            .0
-            .to_vec();
-        // In the order of the probe's nodes, so that the sum has the same bits on any number of ranks.
-        messages.sort_unstable_by_key(|message| message[0]);
-        let tensor = |numbers: &[i64]| {
+            std::array::from_fn::<f64, 12, _>(|k| if k < 6 { r.stress.0[k] } else { strain.0[k - 6] })
+        };
+        let rows = places.into_iter().zip(tensors.iter().map(numbers)).collect();
+        let rows = owned.all_gather_rows(rows).map_err(core("ranks"))?;
+        let tensor = |numbers: &[f64; 12], first: usize| {
             let mut out = SymmetricTensor::zero();
-            let numbers = numbers.iter().map(|w| f64::from_bits(w.cast_unsigned()));
-            out.0.iter_mut().zip(numbers).for_each(|(x, y)| *x = y);
+            out.0.copy_from_slice(&numbers[first..first + 6]);
             out
         };
-        let from_message = |message: &[i64; WORDS]| Recovered {
-            stress: tensor(&message[1..7]),
-            strain: recovery.has_strain().then(|| tensor(&message[7..])),
+        let recovered = |(_, numbers): &(usize, [f64; 12])| Recovered {
+            stress: tensor(numbers, 0),
+            strain: recovery.has_strain().then(|| tensor(numbers, 6)),
         };
-        Ok(messages.iter().map(from_message).collect())
+        Ok(rows.iter().map(recovered).collect())
     }
 
     /// Returns the value from the tensor interpolated to a point or averaged over nodes. Collective for
     /// partitioned models.
     pub(super) fn read(&self, quantity: Quantity, subdomains: &[Subdomain<f64>]) -> Result<f64> {
         let s = &subdomains[self.model];
-        let Some(recovery) = s.model().recovery() else {
+        let Some(recovery) = s.model().views().recovery else {
             return Ok(f64::NAN);
         };
-        let tensors = match s.portion() {
-            None => recovered(recovery, s, &self.nodes)?,
-            Some(portion) => self.gather_tensors(recovery, s, portion)?,
-        };
+        let tensors = self.gather_tensors(recovery, s)?;
         let mut sum = SymmetricTensor::zero();
         for (r, factor) in tensors.iter().zip(&self.factors) {
             let tensor = match quantity {

@@ -10,7 +10,7 @@ use std::ops::AddAssign;
 const DIGITS: usize = 66;
 
 /// Number of words to send: the digits, and the count of terms that were not finite.
-pub const WORDS: usize = DIGITS + 1;
+pub(crate) const WORDS: usize = DIGITS + 1;
 
 /// Number of terms after which carries are propagated, long before 64 bits overflow.
 const OFTEN: u32 = 1 << 20;
@@ -21,7 +21,7 @@ const LOWEST: i32 = -1074;
 /// Exact sum of numbers.
 ///
 /// ```
-/// use arlequin_core::ranks::Exact;
+/// use arlequin_core::Exact;
 /// let mut sum = Exact::zero();
 /// [1e100, 1.0, -1e100].into_iter().for_each(|x| sum.add(x));
 /// assert_eq!(sum.value().to_bits(), 1.0_f64.to_bits());

@@ -1,0 +1,58 @@
+//! Sums over some nodes of a model, split where these pass from unit to unit.
+
+use super::sums::exact_sums;
+use super::{Owned, UNIT};
+use crate::{Real, parallel};
+use std::ops::Range;
+
+/// Places at which an ascending list of nodes passes from one unit to the next, for sums over the list.
+#[derive(Debug, Clone)]
+pub(crate) struct Cuts {
+    /// The places, and the end of the list.
+    places: Vec<usize>,
+    owned: Owned,
+}
+
+impl Cuts {
+    /// Splits a list of owned nodes at units. Local and global numbers give the same units.
+    pub(crate) fn at_units(owned: Owned, nodes: impl Iterator<Item = usize>) -> Self {
+        Self::at_blocks(UNIT, owned, nodes)
+    }
+
+    /// Splits a list of any numbers at blocks of `size`. Sums go over the ranks of `owned`.
+    pub(crate) fn at_blocks(size: usize, owned: Owned, items: impl Iterator<Item = usize>) -> Self {
+        let (mut cuts, mut last, mut count) = (Vec::new(), None, 0);
+        for item in items {
+            let unit = item / size;
+            if last.replace(unit) != Some(unit) {
+                cuts.push(count);
+            }
+            count += 1;
+        }
+        cuts.push(count);
+        Self { places: cuts, owned }
+    }
+
+    /// Returns the nodes over whose ranks the sums go.
+    pub(crate) fn owned(&self) -> &Owned {
+        &self.owned
+    }
+
+    /// Sums over the whole list on all ranks; `part` sums over a range of this rank's places, with `numbers`
+    /// numbers each. The result has the same bits for any number of threads and ranks. NaN after a failure of
+    /// the transport. Collective for a partitioned model.
+    pub(crate) fn sum<T: Real, const N: usize>(
+        &self,
+        numbers: usize,
+        part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
+    ) -> [T; N] {
+        let count = self.places.last().copied().unwrap_or_default();
+        let block_sum = |k: usize| part(self.places[k]..self.places[k + 1]);
+        let local_sums = exact_sums(
+            0..self.places.len() - 1,
+            &block_sum,
+            parallel::pays(count * numbers),
+        );
+        self.owned.total(local_sums).map(T::of)
+    }
+}
