@@ -498,5 +498,5 @@ fn every_number_has_a_range_unless_any_value_makes_sense() {
     let schemas = [schema::scene(), schema::sweep()];
     let mut out = BTreeSet::new();
     schemas.iter().for_each(|s| collect_free(s, "", &mut out));
-    assert_eq!(out, FREE.split(' ').collect());
+    assert_eq!(out, FREE.split(' ').collect::<BTreeSet<_>>());
 }
