@@ -191,17 +191,13 @@ pub(super) fn with_models(mut s: Scenario, scene: &SceneSpec, built: &Built) -> 
             "couples models that the scene does not have",
         ));
     };
-    let mass = |d: &Subdomain<f64>| {
+    let mass = |d: &Subdomain<f64>| -> Result<Vec<f64>> {
         let mut out = vec![0.0; d.model().layout().dofs()];
         d.model()
             .lumped_inertia(&Uniform(1.0), &mut out)
             .map_err(core("time"))?;
         // The three translations of a node have the same mass.
-        Ok(out
-            .into_iter()
-            .step_by(3)
-            .take(d.model().nodes().len())
-            .collect::<Vec<_>>())
+        Ok(out.into_iter().step_by(3).take(d.model().nodes().len()).collect())
     };
     let [coarse, fine] = [models[c].model().nodes(), models[f].model().nodes()];
     let weight = &models[f].weights().kinetic;
