@@ -21,7 +21,7 @@ overlap.width = 3e-3 # two elements
 [[load]]
 name = "blow"
 model = "body"
-where.box = { low = [-1e-3, -1e-3, 0.0], high = [1e-3, 1e-3, 0.0] }
+where = "z-max"
 force = [0.0, 0.0, -100.0]
 time.pulse = { duration = 6e-6 }
 [time]
@@ -77,14 +77,14 @@ fn keys(proposal: &Value) -> Vec<&str> {
 #[test]
 fn a_zone_gets_other_spacings_and_another_width() {
     let scene = written("suggest-zone", ZONE);
-    let (proposal, better) = proposed(&scene, &["--error", "20%"]);
+    let (proposal, better) = proposed(&scene, &["--error", "1%"]);
     let wanted = [
         "body.spacing",
         "zone.struck.mediator.spacing",
         "zone.struck.overlap.width",
     ];
     assert_eq!(keys(&proposal)[..3], wanted, "{proposal}");
-    assert!(number(&proposal, "/proposed/errors/velocity") <= 0.2);
+    assert!(number(&proposal, "/proposed/errors/velocity") <= 0.01);
     assert!(number(&proposal, "/proposed/seconds") > 0.0);
     assert!(
         better.contains("# to be changed") && better.contains("# two elements"),

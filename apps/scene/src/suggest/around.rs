@@ -242,3 +242,44 @@ pub(super) fn with_models(mut s: Scenario, scene: &SceneSpec, built: &Built) -> 
     });
     Ok(s)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shell_is_as_wide_as_its_faces_are_apart() {
+        let cuboid = |edge: f64, top: f64| RegionShape::Box {
+            low: [-edge, -edge, -1.0],
+            high: [edge, edge, top],
+        };
+        let ball = |radius: f64| RegionShape::Ball {
+            centre: [0.0; 3],
+            radius,
+        };
+        assert_eq!(
+            widths(&cuboid(1.0, 1.0), &cuboid(3.0, 1.0)),
+            [2.0; 4],
+            "open above and below"
+        );
+        assert_eq!(widths(&ball(1.0), &ball(1.5)), [0.5]);
+        assert!(
+            widths(&ball(1.0), &cuboid(3.0, 1.0)).is_empty() && widths(&ball(1.0), &ball(1.0)).is_empty()
+        );
+    }
+
+    /// Nodes on a line at distances of one spacing: the overlap as given is one, and the fine model grows with
+    /// the mass of the coarse one that it covers.
+    #[test]
+    fn a_wider_overlap_has_the_mass_that_lies_in_it() {
+        let around = Around {
+            fine: [5.0, 8.0],
+            nodes: (0..10).map(|k| [k as f64 + 0.5, 2.0]).collect(),
+            width: 2.0,
+            spacing: 1.0,
+        };
+        assert_eq!(around.sizes(2.0), [13.0, 1.0]);
+        assert_eq!(around.sizes(4.0), [21.0, 2.0]);
+        assert_eq!(around.sizes(3.0), [17.0, 1.5]);
+    }
+}

@@ -8,9 +8,8 @@ use arlequin::core::TimeStep;
 
 /// Widths of the overlap to try, in coarse spacings.
 const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
-/// Smallest width of the overlap of a zone, in coarse spacings: its borders lie between elements, so it may be
-/// half an element narrower.
-const ZONE_WIDTH: f64 = 4.0;
+/// Widths for a zone: its borders lie between elements, so that the overlap may be half an element narrower.
+const ZONE_WIDTHS: [f64; 4] = [3.5, 4.0, 6.0, 8.0];
 /// Mediator spacings to try, in coarse spacings.
 const MEDIATORS: [f64; 2] = [1.0, 0.5];
 /// Weight profiles to try.
@@ -153,7 +152,11 @@ impl<'a> Search<'a> {
         let s = scenario;
         let (given, form) = as_given(s);
         let mut forms = vec![form];
-        let mut candidates = Vec::new();
+        let mut candidates = match s.kind {
+            OverlapKind::Slab => Vec::new(),
+            // Widths that suit a small body may be narrower than those tried here.
+            _ => vec![given],
+        };
         // The coarse model keeps at least two elements across and four along.
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
         while spacing >= s.halved_to.unwrap_or(s.spacings[1]) {
@@ -246,15 +249,10 @@ fn reflect_alike(a: &Form, b: &Form) -> bool {
 /// Returns the overlaps to try with a coarse spacing `h`.
 fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
     let r = s.fine_spacing(h);
-    let least = if s.kind == OverlapKind::Zone {
-        ZONE_WIDTH
-    } else {
-        0.0
-    };
-    let widths = if s.movable {
-        WIDTHS.into_iter().filter(|w| *w >= least).collect()
-    } else {
-        vec![s.overlap / h]
+    let widths = match (s.movable, s.kind) {
+        (false, _) => vec![s.overlap / h],
+        (true, OverlapKind::Zone) => ZONE_WIDTHS.to_vec(),
+        (true, _) => WIDTHS.to_vec(),
     };
     // The analysis is of plane borders; which weight suits borders with corners, it does not know.
     let profiles = match s.kind {

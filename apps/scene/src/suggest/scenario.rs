@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 /// Number of samples of a signal for its spectrum.
 const SAMPLES: usize = 1024;
 
-/// OverlapKind of an overlap.
+/// Kind of an overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OverlapKind {
     /// A layer normal to x, y or z.
@@ -33,7 +33,7 @@ pub struct Scenario {
     pub names: [String; 3],
     /// Keys of the coarse model and of the interface in the file.
     pub keys: [String; 2],
-    /// OverlapKind of the overlap.
+    /// Kind of the overlap.
     pub kind: OverlapKind,
     /// Sizes around an overlap that is no slab; `None` until the models are built.
     pub around: Option<Around>,
