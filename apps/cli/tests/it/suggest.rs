@@ -77,14 +77,14 @@ fn keys(proposal: &Value) -> Vec<&str> {
 #[test]
 fn a_zone_gets_other_spacings_and_another_width() {
     let scene = written("suggest-zone", ZONE);
-    let (proposal, better) = proposed(&scene, &["--error", "1%"]);
+    let (proposal, better) = proposed(&scene, &["--error", "3%"]);
     let wanted = [
         "body.spacing",
         "zone.struck.mediator.spacing",
         "zone.struck.overlap.width",
     ];
     assert_eq!(keys(&proposal)[..3], wanted, "{proposal}");
-    assert!(number(&proposal, "/proposed/errors/velocity") <= 0.01);
+    assert!(number(&proposal, "/proposed/errors/velocity") <= 0.03);
     assert!(number(&proposal, "/proposed/seconds") > 0.0);
     assert!(
         better.contains("# to be changed") && better.contains("# two elements"),

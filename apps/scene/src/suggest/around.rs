@@ -66,6 +66,7 @@ pub(super) fn zone(base: Scenario, scene: &SceneSpec, fine: &ModelTable) -> Resu
         halved_to,
         across: Some(across),
         length_ratio: zone.junction.length.map_or(0.25, |l| l / mediator),
+        speed: shear_speed(&base, body),
         ..base
     })
 }
@@ -100,8 +101,15 @@ pub(super) fn shell(
         spacings: [h, fine.spacing.unwrap_or(h), mediator],
         across: Some(across),
         length_ratio: length_ratio(table, mediator),
+        speed: shear_speed(&base, coarse),
         ..base
     })
+}
+
+/// Returns the speed of shear waves \[m/s\]: they carry most of what spreads from a small region, and lattices
+/// disperse them more than axial waves.
+fn shear_speed(base: &Scenario, coarse: &ModelTable) -> f64 {
+    base.speed / (2.0 * (1.0 + coarse.material.poisson.unwrap_or(0.0))).sqrt()
 }
 
 /// Returns the positive distances between the faces of two regions of one form \[m\].

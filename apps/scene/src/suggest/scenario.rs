@@ -74,7 +74,7 @@ pub struct Scenario {
     pub elementwise: [f64; 2],
     /// True if the fine model is a random packing.
     pub particles: bool,
-    /// Speed of long axial waves \[m/s\].
+    /// Speed of long axial waves \[m/s\], or of shear waves if the overlap is no slab.
     pub speed: f64,
     /// End of the run \[s\], if the scene gives it.
     pub end: Option<f64>,
