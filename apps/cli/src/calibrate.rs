@@ -1,6 +1,6 @@
 //! `arlequin calibrate`: options.
 
-use crate::error::{Located, Result, key, value};
+use crate::error::{Located, Result, value};
 use crate::{report, threads};
 use arlequin_scene::Source;
 use arlequin_scene::calibrate::{StrengthTest, Wanted, calibrate as measure};
@@ -26,7 +26,6 @@ where
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Calibrate {
     /// Scene whose particles are used; without a scene, flags give all values.
-    #[arg(conflicts_with_all = ["cylinder", "cuboid"])]
     scene: Option<PathBuf>,
     /// Model of the scene [default: its only one of kind "dem"]
     #[arg(long, value_name = "NAME", requires = "scene")]
@@ -34,10 +33,10 @@ pub(crate) struct Calibrate {
     /// Change a value of the scene, such as model.right.dem.count=5000; may be repeated.
     #[arg(long = "set", value_name = "PATH=VALUE", requires = "scene")]
     set: Vec<String>,
-    /// Test a cylinder along x [m].
+    /// Test a cylinder along x [m], instead of the scene's shape.
     #[arg(long, value_name = "LENGTH,RADIUS", value_delimiter = ',', num_args = 1)]
     cylinder: Option<Vec<f64>>,
-    /// Test a box along x [m].
+    /// Test a box along x [m], instead of the scene's shape.
     #[arg(
         long = "box",
         value_name = "X,Y,Z",
@@ -167,12 +166,6 @@ impl Calibrate {
     fn check_strength(&self) -> Result<()> {
         if !self.strength {
             return Ok(());
-        }
-        if self.periodic {
-            return Err(key(
-                "calibrate",
-                "strength is that of a bar; remove --periodic or --strength",
-            ));
         }
         let as_list = |x: Option<f64>| x.into_iter().collect::<Vec<f64>>();
         let positive = [

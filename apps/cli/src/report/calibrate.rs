@@ -10,6 +10,9 @@ pub(crate) fn text(r: &Calibration) -> String {
         out.push('\n');
     };
     line(format!("sample     {}", r.sample));
+    for n in &r.notes {
+        line(format!("note       {n}"));
+    }
     line(format!("beams      {}", beams(&r.beams)));
     line(String::new());
     let last = if r.elastic.young_gauge.is_some() {

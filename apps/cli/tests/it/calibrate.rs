@@ -1,7 +1,7 @@
 //! `arlequin calibrate`: results, refusals and messages.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use crate::common::{arlequin, number, scratch, succeed};
+use crate::common::{arlequin, number, scene, scratch, succeed, text};
 use serde_json::Value;
 
 fn json(arguments: &[&str]) -> Value {
@@ -102,7 +102,7 @@ fn a_scene_gives_what_its_flags_would() {
     let folder = scratch("calibrate-scene");
     let scene = folder.join("bar.toml");
     std::fs::write(&scene, SCENE).unwrap();
-    let scene = crate::common::text(&scene);
+    let scene = text(&scene);
     let report = json(&["calibrate", scene, "--young", "265e9", "--seeds", "1", "--json"]);
     let flags = [
         "--count",
@@ -124,10 +124,115 @@ fn a_scene_gives_what_its_flags_would() {
     assert!(text.contains("known: bar, line"), "{text}");
     let line = "model.bar.shape={ bar = { from = 0.0, to = 1.0, section = 1.0 } }";
     let (text, _) = failure(&["calibrate", scene, "--set", line]);
+    assert!(text.contains("spheres fill a box, a cylinder, a ball"), "{text}");
+}
+
+/// Returns the notes as one text, and the report of a calibration with one seed.
+fn calibrated(arguments: &[&str]) -> (String, Value) {
+    let few = ["--seeds", "1", "--json"];
+    let report = json(&[&["calibrate"], arguments, &few].concat());
+    let notes = report["notes"].as_array().unwrap().iter();
+    let notes: Vec<&str> = notes.map(|n| n.as_str().unwrap()).collect();
+    (notes.join("; "), report)
+}
+
+/// A zone, and a block that is as wide as it is long, get a bar of their own spheres and beams.
+#[test]
+fn a_shape_that_is_no_bar_is_replaced_by_one() {
+    let zone = scene("struck-block.toml");
+    let (notes, report) = calibrated(&[text(&zone), "--count", "2500"]);
     assert!(
-        text.contains("a tension test needs a straight bar along x"),
-        "{text}"
+        notes.contains("zone.struck.shape (a part of the body) is no bar")
+            && notes.contains("the packing of a zone is then fitted"),
+        "{notes}"
     );
+    let young = number(&report, "/young/mean");
+    assert!(
+        (young / 72.5e9 - 1.0).abs() < 0.15,
+        "the body's modulus, not {young:e}"
+    );
+    assert!(
+        (number(&report, "/beams/radius_ratio") - 0.71).abs() > 1e-3,
+        "fitted beams"
+    );
+    let fitted = report["beams"].clone();
+    // The number changes the bar and not the spheres: 0.5 mm, 2500 of them.
+    let sample = report["sample"].as_str().unwrap();
+    assert!(sample.contains("box along x, length 1.37e-2 m"), "{sample}");
+    let impact = scene("ball-impact.toml");
+    let asked = [
+        "--count",
+        "1500",
+        "--protocol",
+        "quench",
+        "--strength",
+        "--criterion",
+        "rankine",
+    ];
+    let (notes, report) = calibrated(&[&[text(&impact)], &asked[..]].concat());
+    assert!(notes.starts_with("model.grains.shape (box) is no bar"), "{notes}");
+    let ratio = number(&report, "/strength/rows/0/ratio/mean");
+    assert!((8.0..15.0).contains(&ratio), "beams over bar: {ratio}");
+    // Another shape may be chosen, with the spheres and the beams of the scene.
+    let chosen = [
+        "calibrate",
+        text(&zone),
+        "--box",
+        "16e-3,5e-3,5e-3",
+        "--seeds",
+        "1",
+        "--json",
+    ];
+    let chosen = json(&chosen);
+    assert_eq!(
+        chosen["sample"],
+        "box along x, length 1.6e-2 m, section 2.5000e-5 m2"
+    );
+    assert_eq!(chosen["beams"], fitted);
+}
+
+/// What a scene alone tells is refused before anything is packed: a million spheres would take minutes.
+#[test]
+fn a_scene_that_cannot_be_tested_is_refused_at_once() {
+    let folder = scratch("calibrate-refused");
+    let ball = folder.join("ball.toml");
+    let spheres = "0,0,0,1e-4\n";
+    std::fs::write(folder.join("spheres.csv"), spheres).unwrap();
+    let file = SCENE.replace("count = 1500, protocol = \"quench\"", "file = \"spheres.csv\"");
+    let shape = "shape.cylinder = { from = [1.0, 0.0, 0.0], length = 8e-3, radius = 1e-3 }";
+    let centred = "shape.ball = { centre = [0.0, 0.0, 0.0], radius = 1e-2 }";
+    std::fs::write(&ball, file.replace(shape, centred)).unwrap();
+    let bar = folder.join("bar.toml");
+    std::fs::write(&bar, SCENE.replace("1500", "1000000")).unwrap();
+    let quickstart = scene("quickstart.toml");
+    let cases: [(&[&str], &str); 5] = [
+        (
+            &[text(&quickstart)],
+            "no model of the scene is of kind \"dem\", so it has no spheres",
+        ),
+        (&[text(&ball)], "model.bar.dem.file"),
+        (
+            &[text(&bar), "--strength", "--periodic"],
+            "remove --periodic or --strength",
+        ),
+        (&[text(&bar), "--strength", "--sizes", "2e-3"], "below 8"),
+        (
+            &[
+                text(&bar),
+                "--box",
+                "1e-4,1e-5,1e-5",
+                "--count",
+                "20",
+                "--sizes",
+                "2e-5",
+            ],
+            "--strength",
+        ),
+    ];
+    for (arguments, wanted) in cases {
+        let (text, code) = failure(&[&["calibrate"], arguments].concat());
+        assert!(code == Some(2) && text.contains(wanted), "{arguments:?}: {text}");
+    }
 }
 
 #[test]

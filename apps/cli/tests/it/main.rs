@@ -29,6 +29,7 @@ mod resume;
 mod scenes;
 mod schema;
 mod several;
+mod suggest;
 mod sweep;
 mod three_levels;
 mod tumbling;

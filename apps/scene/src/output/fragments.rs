@@ -125,6 +125,8 @@ impl Fragments {
 
     /// Finds the fragments at the present time and appends them to `rows`. Collective.
     pub(crate) fn look(&mut self, run: &Coupled<f64>) -> Result<()> {
+        // A run that goes on from its last instant finds them there a second time.
+        self.rows.retain(|r| r.time < run.time());
         for b in &self.bodies {
             let s = &run.subdomains()[b.number];
             let moving = s.model().layout().translations();

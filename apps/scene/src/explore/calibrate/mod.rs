@@ -20,7 +20,8 @@ pub use strength::{Exponent, SizeStrength, StrengthTest, Strengths};
 /// Key in errors that concern no scene.
 const KEY: &str = "calibrate";
 
-/// Settings of a calibration. Without a scene, one of `cylinder`, `cuboid` and `periodic` is needed.
+/// Settings of a calibration. Without a scene, one of `cylinder`, `cuboid` and `periodic` is needed; with a
+/// scene, they replace its shape.
 #[derive(Debug, Clone, Default)]
 pub struct Wanted {
     /// Name of the model in the scene. `None`: its only model of kind "dem".
@@ -154,6 +155,9 @@ pub struct Target {
 pub struct Calibration {
     /// Sample in words.
     pub sample: String,
+    /// Remarks on what is tested in place of the scene's own shape and beams.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Beams of the sample.
     pub beams: Beams,
     /// Packings of the sample, with their tests.
@@ -218,10 +222,19 @@ impl TestResults {
 pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_>) -> Result<Calibration> {
     let sample = Sample::from_options(wanted, source)?;
     let beam = sample.beam;
+    // Read before anything is packed, so that a size that does not fit is refused at once.
+    let sizes = wanted.strength.as_ref().and_then(|s| s.sizes.as_ref());
+    let sizes = sizes.map(|all| {
+        all.iter()
+            .map(|d| sample.with_spacing(*d))
+            .collect::<Result<Vec<_>>>()
+    });
+    let sizes = sizes.transpose()?;
     let packings = pack(&sample, progress)?;
     let results = test(&sample, &packings, beam, "testing", progress)?;
     let mut out = Calibration {
         sample: sample.text.clone(),
+        notes: sample.notes.clone(),
         beams: beam.into(),
         packings: lines(&sample, &packings, &results),
         elastic: results.elastic(),
@@ -254,13 +267,14 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         });
     }
     if let Some(asked) = &wanted.strength {
-        out.strength = Some(strength::test_strength(
-            asked,
-            wanted,
-            source,
-            (&sample, &packings),
-            progress,
-        )?);
+        let bars = match sizes {
+            None => vec![(sample, packings)],
+            Some(sized) => {
+                let packed = |s: Sample| pack(&s, progress).map(|packings| (s, packings));
+                sized.into_iter().map(packed).collect::<Result<_>>()?
+            }
+        };
+        out.strength = Some(strength::test_strength(asked, bars, progress)?);
     }
     Ok(out)
 }
@@ -282,9 +296,7 @@ fn uniform(results: &TestResults, out: &mut Calibration) {
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
     let recipes = sample.recipes.iter().map(|r| &r.1);
-    let out = with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))?;
-    sample.check(&out)?;
-    Ok(out)
+    with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))
 }
 
 fn test(

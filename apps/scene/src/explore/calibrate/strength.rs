@@ -1,7 +1,7 @@
 //! Strength of bars relative to that of their beams.
 
 use super::sample::{Sample, Test};
-use super::{Estimate, KEY, Wanted, with_progress};
+use super::{Estimate, KEY, with_progress};
 use crate::Progress;
 use crate::error::{Result, key};
 use crate::scene::Source;
@@ -82,32 +82,12 @@ pub struct Exponent {
     pub power: f64,
 }
 
-/// Pulls bars of every size with every criterion. `sample` and `packings` are those of the elastic test, used
-/// if no sizes are given.
+/// Pulls the bars of every size with every criterion.
 pub(super) fn test_strength(
     asked: &StrengthTest,
-    wanted: &Wanted,
-    source: Option<&Source>,
-    (sample, packings): (&Sample, &[Packing]),
+    mut sizes: Vec<(Sample, Vec<Packing>)>,
     progress: Progress<'_>,
 ) -> Result<Strengths> {
-    let mut sizes: Vec<(Sample, Vec<Packing>)> = Vec::new();
-    match &asked.sizes {
-        None => sizes.push((sample.clone(), packings.to_vec())),
-        Some(all) => {
-            for &d in all {
-                // The bars stay the same, so a diameter decides the number of spheres.
-                let sized = Wanted {
-                    spacing: Some(d),
-                    count: None,
-                    ..wanted.clone()
-                };
-                let sample = Sample::from_options(&sized, source)?;
-                let packings = super::pack(&sample, progress)?;
-                sizes.push((sample, packings));
-            }
-        }
-    }
     // The elastic tests, which come first, need whole bars.
     for (sample, packings) in &mut sizes {
         for p in packings {
@@ -118,7 +98,7 @@ pub(super) fn test_strength(
     let mean = |p: &Packing| 2.0 * p.report.mean_radius;
     // Elastic energy per section of a beam one mean diameter long at the axial stress `strength`. It is the
     // same for all sizes, as a material constant would be.
-    let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sample.beam.young);
+    let energy = strength * strength * mean(&sizes[0].1[0]) / (2.0 * sizes[0].0.beam.young);
     let mut rows = Vec::new();
     let chosen = ALL
         .iter()

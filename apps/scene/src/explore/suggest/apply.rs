@@ -1,10 +1,10 @@
 //! Writes a proposal into the scene file and keeps its comments.
 
 use super::choose::Prospect;
-use super::scenario::Scenario;
+use super::scenario::{OverlapKind, Scenario};
 use crate::error::{Error, Result, key, value, write as write_error};
 use crate::scene::{Scene, Source};
-use crate::spec::{JunctionKind, OverlapShape, SceneSpec, Shape};
+use crate::spec::{JunctionKind, OverlapShape, RegionShape, SceneSpec, Shape};
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 
@@ -44,6 +44,16 @@ fn number(x: f64) -> String {
     format!("{rounded:e}")
 }
 
+/// Formats a length.
+fn digits(x: f64) -> String {
+    format!("{:e}", tidy(x))
+}
+
+/// Rounds a length to ten digits.
+fn tidy(x: f64) -> f64 {
+    format!("{x:.9e}").parse().unwrap_or(x)
+}
+
 fn counts(lengths: &[f64], spacing: f64) -> String {
     let n: Vec<String> = lengths
         .iter()
@@ -55,16 +65,14 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
 /// Returns the changes that turn the scene into the proposal.
 pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
-    let [interface, coarse, fine] = &s.names;
-    let table = format!("interface.{interface}");
-    let mut out = vec![match scene.model.get(coarse) {
-        Some(m) if m.divisions.is_some() => Change::new(
-            format!("model.{coarse}.divisions"),
-            counts(&extents(&m.shape), c.h),
-        ),
-        _ => Change::new(format!("model.{coarse}.spacing"), number(c.h)),
+    let [coarse, table] = &s.keys;
+    let mut out = vec![match s.coarse_table(scene) {
+        Some(m) if m.divisions.is_some() => {
+            Change::new(format!("{coarse}.divisions"), counts(&extents(&m.shape), c.h))
+        }
+        _ => Change::new(format!("{coarse}.spacing"), number(c.h)),
     }];
-    let joint = scene.interface.get(interface);
+    let joint = scene.interface.get(&s.names[0]);
     out.push(if joint.is_some_and(|j| j.mediator.divisions.is_some()) {
         let along = |a: f64| (0..3).map(|k| if k == s.axis { c.overlap } else { a }).collect();
         let lengths: Vec<f64> = s.across.map_or_else(|| vec![c.overlap], along);
@@ -72,9 +80,11 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
     } else {
         Change::new(format!("{table}.mediator.spacing"), number(c.h_b))
     });
-    let profile = format!("\"{}\"", c.profile);
-    out.push(Change::new(format!("{table}.weight.profile"), profile));
-    if joint.is_some_and(|j| j.weight.value.is_some()) {
+    if s.kind == OverlapKind::Slab {
+        let profile = format!("\"{}\"", c.profile);
+        out.push(Change::new(format!("{table}.weight.profile"), profile));
+    }
+    if s.kind == OverlapKind::Slab && joint.is_some_and(|j| j.weight.value.is_some()) {
         // Other profiles refuse the value of the constant profile.
         out.push(Change {
             path: format!("{table}.weight.value"),
@@ -86,7 +96,13 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
         out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
     }
     if s.movable {
-        out.extend(move_overlap(scene, s, c.overlap, &table, fine));
+        // In proportion to the spacing as it is written: a zone rounds its width up to whole elements.
+        let width = c.overlap / c.h * number(c.h).parse().unwrap_or(c.h);
+        out.extend(match s.kind {
+            OverlapKind::Slab => move_slab(scene, s, c.overlap),
+            OverlapKind::Shell => move_shell(scene, s, width),
+            OverlapKind::Zone => vec![Change::new(format!("{table}.overlap.width"), digits(width))],
+        });
     }
     if needs_absorber(p) && !s.absorber {
         out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
@@ -107,9 +123,8 @@ fn extents(shape: &Shape) -> Vec<f64> {
 
 /// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which
 /// lie at one place.
-fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine: &str) -> Vec<Change> {
-    // Ten digits hide what rounding leaves in the sum, such as 0.30000000000000004.
-    let tidy = |x: f64| format!("{x:.9e}").parse::<f64>().unwrap_or(x);
+fn move_slab(scene: &SceneSpec, s: &Scenario, overlap: f64) -> Vec<Change> {
+    let fine = &s.names[2];
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {
         x[s.axis] = place;
@@ -118,7 +133,7 @@ fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine
     let mut out = Vec::new();
     if let Some(OverlapShape::Slab { coarse, .. }) = scene.interface.get(&s.names[0]).map(|i| &i.overlap) {
         out.push(Change::new(
-            format!("{table}.overlap.slab.coarse"),
+            format!("{}.overlap.slab.coarse", s.keys[1]),
             point(*coarse),
         ));
     }
@@ -147,6 +162,47 @@ fn move_overlap(scene: &SceneSpec, s: &Scenario, overlap: f64, table: &str, fine
         _ => {}
     }
     out
+}
+
+/// Returns the changes that move the outer border of a shell and the end of the fine body, which lie at one
+/// place.
+fn move_shell(scene: &SceneSpec, s: &Scenario, width: f64) -> Vec<Change> {
+    let (Some(joint), Some(fine)) = (scene.interface.get(&s.names[0]), scene.model.get(&s.names[2])) else {
+        return Vec::new();
+    };
+    let OverlapShape::Shell { core, domain } = &joint.overlap else {
+        return Vec::new();
+    };
+    let paths = [
+        format!("{}.overlap.shell.domain", s.keys[1]),
+        format!("model.{}.shape", s.names[2]),
+    ];
+    match (core, domain, &fine.shape) {
+        (RegionShape::Ball { radius, .. }, ..) => paths
+            .map(|p| Change::new(format!("{p}.ball.radius"), digits(radius + width)))
+            .to_vec(),
+        (
+            RegionShape::Box { low: a, high: b },
+            RegionShape::Box { low: l, high: h },
+            Shape::Box { low, high, .. },
+        ) => {
+            let point = |x: [f64; 3]| format!("[{:e}, {:e}, {:e}]", x[0], x[1], x[2]);
+            // Faces at which the shell is open stay.
+            let lower =
+                |x: &[f64; 3]| point([0, 1, 2].map(|c| if l[c] < a[c] { tidy(a[c] - width) } else { x[c] }));
+            let upper =
+                |x: &[f64; 3]| point([0, 1, 2].map(|c| if h[c] > b[c] { tidy(b[c] + width) } else { x[c] }));
+            let corners = [(&paths[0], [l, h]), (&paths[1], [low, high])];
+            let moved = |(p, [l, h]): (&String, [&[f64; 3]; 2])| {
+                [
+                    Change::new(format!("{p}.box.low"), lower(l)),
+                    Change::new(format!("{p}.box.high"), upper(h)),
+                ]
+            };
+            corners.into_iter().flat_map(moved).collect()
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// Writes the scene with its earlier `--set` values and the changes; everything else stays as it is, comments

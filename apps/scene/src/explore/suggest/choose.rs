@@ -1,13 +1,15 @@
 //! Cost model, measured on this machine, and the search for the best candidate.
 
 use super::predict::{self, Candidate, Errors, Form, Table};
-use super::scenario::{Scenario, Spectrum};
+use super::scenario::{OverlapKind, Scenario, Spectrum};
 use crate::error::Result;
 use crate::spec::{JunctionKind, ProfileKind};
 use arlequin::core::TimeStep;
 
 /// Widths of the overlap to try, in coarse spacings.
 const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
+/// Widths for a zone: its borders lie between elements, so that the overlap may be half an element narrower.
+const ZONE_WIDTHS: [f64; 4] = [3.5, 4.0, 6.0, 8.0];
 /// Mediator spacings to try, in coarse spacings.
 const MEDIATORS: [f64; 2] = [1.0, 0.5];
 /// Weight profiles to try.
@@ -62,15 +64,19 @@ impl CostModel {
     /// Returns the own step of the finest model of a candidate \[s\].
     pub(super) fn dt(&self, c: &Candidate) -> f64 {
         // The critical step of a lattice is proportional to its spacing.
+        let [coarse, fine] = self.critical(c);
+        self.fraction * fine.min(coarse)
+    }
+
+    /// Returns the critical steps of the coarse and of the fine model of a candidate \[s\].
+    fn critical(&self, c: &Candidate) -> [f64; 2] {
         let [coarse, fine] = self.measured.critical;
-        self.fraction * fine.min(coarse * c.h / self.base.h)
+        [coarse * c.h / self.base.h, fine * c.r / self.base.r]
     }
 
     /// Returns the step of the run \[s\], and the own steps of both models in it.
     fn pace(&self, c: &Candidate, s: &Scenario) -> (f64, [f64; 2]) {
-        let [coarse, fine] = self.measured.critical;
-        let critical = [coarse * c.h / self.base.h, fine];
-        match TimeStep::chosen(self.fraction, &critical) {
+        match TimeStep::chosen(self.fraction, &self.critical(c)) {
             Ok((dt, own_steps)) if s.free_steps => (dt, [0, 1].map(|k| own_steps[k] as f64)),
             // A step, or own steps, that the scene gives stay as they are.
             _ => (self.measured.most * self.dt(c), self.measured.own_steps),
@@ -83,16 +89,17 @@ impl CostModel {
         let d = self.dimension;
         // Numbers of nodes grow with the power of the dimension.
         let shrink = (b.h / c.h).powi(d);
-        // A wider overlap lengthens the fine body; the coarse one keeps its ends.
-        let wider = c.overlap / b.overlap;
-        let fine = (s.lengths[1] + c.overlap) / (s.lengths[1] + b.overlap);
+        let finer = (b.r / c.r).powi(d);
+        let (sizes, given) = (s.sizes(c.overlap), s.sizes(b.overlap));
+        let wider = sizes[1] / given[1];
+        let fine = sizes[0] / given[0] * finer;
         // In space, a solve with a banded factor grows faster than the number of unknowns.
         let power = if d == 3 { 4.0 / 3.0 } else { 1.0 };
         let multipliers = wider * (b.h_b / c.h_b).powi(d);
         let work = |n: [f64; 3]| n[0] + n[1] + n[2].powf(power);
         let grown = [
             m.coupled[0] * wider * shrink,
-            m.coupled[1] * wider,
+            m.coupled[1] * wider * finer,
             m.coupled[2] * multipliers,
         ];
         let interface = work(grown) / work(m.coupled).max(1.0);
@@ -145,13 +152,16 @@ impl<'a> Search<'a> {
     /// Lists the candidates and analyses their overlaps.
     pub(super) fn new(scenario: &'a Scenario, spectrum: &'a Spectrum, end: f64) -> Result<Self> {
         let s = scenario;
-        let r = s.spacings[1];
         let (given, form) = as_given(s);
         let mut forms = vec![form];
-        let mut candidates = Vec::new();
+        let mut candidates = match s.kind {
+            OverlapKind::Slab => Vec::new(),
+            // Widths that suit a small body may be narrower than those tried here.
+            _ => vec![given],
+        };
         // The coarse model keeps at least two elements across and four along.
         let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
-        while spacing >= r {
+        while spacing >= s.halved_to.unwrap_or(s.spacings[1]) {
             for form in overlaps_to_try(s, spacing) {
                 // Overlaps that reflect alike share one harmonic analysis, the expensive part.
                 let known = forms.iter().position(|f| reflect_alike(f, &form));
@@ -159,7 +169,7 @@ impl<'a> Search<'a> {
                     forms.push(form);
                     forms.len() - 1
                 });
-                candidates.push(candidate(&form, spacing, table));
+                candidates.push(candidate(s, &form, spacing, table));
             }
             spacing /= SPACING_STEP;
         }
@@ -207,21 +217,22 @@ impl<'a> Search<'a> {
 
 /// Returns the candidate with the settings of the scene, whose overlap is the first table.
 pub(super) fn as_given(s: &Scenario) -> (Candidate, Form) {
-    let [h, r, h_b] = s.spacings;
+    let [h, _, h_b] = s.spacings;
     let form = Form {
-        ratio: (h / r).max(1.0),
+        ratio: (h / s.fine_spacing(h)).max(1.0),
         h_b: h_b / h,
         overlap: s.overlap / h,
         profile: s.profile,
         junction: s.junction,
         length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
     };
-    (candidate(&form, h, 0), form)
+    (candidate(s, &form, h, 0), form)
 }
 
-fn candidate(f: &Form, h: f64, table: usize) -> Candidate {
+fn candidate(s: &Scenario, f: &Form, h: f64, table: usize) -> Candidate {
     Candidate {
         h,
+        r: s.fine_spacing(h),
         h_b: f.h_b * h,
         overlap: f.overlap * h,
         profile: f.profile,
@@ -242,11 +253,16 @@ fn reflect_alike(a: &Form, b: &Form) -> bool {
 
 /// Returns the overlaps to try with a coarse spacing `h`.
 fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
-    let r = s.spacings[1];
-    let widths = if s.movable {
-        WIDTHS.to_vec()
-    } else {
-        vec![s.overlap / h]
+    let r = s.fine_spacing(h);
+    let widths = match (s.movable, s.kind) {
+        (false, _) => vec![s.overlap / h],
+        (true, OverlapKind::Zone) => ZONE_WIDTHS.to_vec(),
+        (true, _) => WIDTHS.to_vec(),
+    };
+    // The analysis is of plane borders; which weight suits borders with corners, it does not know.
+    let profiles = match s.kind {
+        OverlapKind::Slab => PROFILES.to_vec(),
+        _ => vec![s.profile],
     };
     let lengths: Vec<Option<f64>> = if s.junction == JunctionKind::L2 {
         vec![None]
@@ -268,7 +284,7 @@ fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
         }
         // Multipliers finer than two particles tie motions that should stay free.
         for h_b in MEDIATORS.into_iter().filter(|b| *b >= 1.0 || b * h >= 2.0 * r) {
-            for profile in PROFILES {
+            for &profile in &profiles {
                 out.extend(lengths.iter().map(|l| Form {
                     ratio,
                     h_b,

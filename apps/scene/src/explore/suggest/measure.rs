@@ -1,12 +1,13 @@
 //! Trial steps, which measure the cost of a scene on this machine.
 
 use super::apply::Change;
+use super::around;
 use super::choose::Measured;
 use super::scenario::{self, Scenario};
 use crate::error::{Result, core};
 use crate::run::PhaseClock;
 use crate::scene::Scene;
-use crate::setup;
+use crate::setup::{self, lower};
 use arlequin::core::Coupled;
 use std::time::Instant;
 
@@ -15,14 +16,17 @@ const TRIAL: f64 = 0.3;
 /// Number of steps timed together. The shortest time counts, because other programs share the machine.
 const STRETCH: usize = 10;
 
-/// Builds the scene with changes and makes trial steps. Returns the measurement and the end of the run \[s\].
-pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64)> {
+/// Builds the scene with changes and makes trial steps. Returns the measurement, the end of the run \[s\] and
+/// the lengths of the scene with these changes.
+pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64, Scenario)> {
     let begin = Instant::now();
     let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
     let scene = scene.clone().assign(&changes)?;
     let s = scenario::scenario(scene.spec())?;
-    let built = setup::build(scene.spec(), scene.folder())?;
+    let built = setup::build(scene.spec(), scene.folder());
+    let built = built.map_err(|e| lower::written(scene.spec(), e))?;
     let setup = begin.elapsed().as_secs_f64();
+    let s = around::with_models(s, scene.spec(), &built)?;
     let mut run = built.run;
     let end = s.end.unwrap_or(built.steps as f64 * run.dt());
     let mut seconds = [0.0; 4];
@@ -57,7 +61,7 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
         most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };
-    Ok((measured, end))
+    Ok((measured, end, s))
 }
 
 /// Divides the measured seconds into coarse model, fine model, interface and rest.

@@ -5,6 +5,7 @@
 //! agree.
 
 mod apply;
+mod around;
 mod choose;
 mod measure;
 mod path;
@@ -19,7 +20,7 @@ pub use choose::Goal;
 use choose::{CostModel, Prospect, Search};
 use measure::measure;
 pub use predict::Errors;
-use scenario::Scenario;
+use scenario::{OverlapKind, Scenario};
 use serde::Serialize;
 use std::path::Path;
 
@@ -91,7 +92,7 @@ pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";
-        return Err(key(format!("interface.{}.lumped", s.names[0]), rule));
+        return Err(key(format!("{}.lumped", s.keys[1]), rule));
     }
     Ok(s)
 }
@@ -99,8 +100,8 @@ pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
 /// Predicts error and time of a scene as given, from trial steps on this machine and the analysis of its
 /// overlap.
 pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
-    let s = readable(scene.spec())?;
-    let (m, end) = measure(scene, &[])?;
+    readable(scene.spec())?;
+    let (m, end, s) = measure(scene, &[])?;
     let spectrum = scenario::spectrum(scene.spec(), &s, end, None)?;
     let (candidate, form) = choose::as_given(&s);
     let tables = predict::tables(&[form])?;
@@ -121,8 +122,9 @@ pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
 /// # Errors
 /// Scenes for which nothing can be predicted, goals out of reach, failed trial steps.
 pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
-    let s = readable(scene.spec())?;
-    let (first, end) = measure(scene, &[])?;
+    // Refused before anything is built.
+    scenario::signal(scene.spec(), &readable(scene.spec())?, frequency)?;
+    let (first, end, s) = measure(scene, &[])?;
     let spectrum = scenario::spectrum(scene.spec(), &s, end, frequency)?;
     let search = Search::new(&s, &spectrum, end)?;
     let fraction = s
@@ -161,7 +163,7 @@ fn settle(
     let mut proposal = pick(search, goal, &costs)?;
     for round in 1..=ROUNDS {
         let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
-        let (m, _) = measure(scene, &changes)?;
+        let (m, ..) = measure(scene, &changes)?;
         // The measured candidate becomes the base, where scaling costs no accuracy.
         costs = CostModel::new(proposal.candidate, m, s, FRACTION);
         let measured = costs.seconds(&proposal.candidate, s, search.end);
@@ -249,7 +251,13 @@ fn notes(s: &Scenario, p: &Prospect) -> Vec<String> {
             s.needed, s.names[2]
         ));
     }
-    if s.across.is_some() {
+    if s.kind != OverlapKind::Slab {
+        out.push(
+            "errors are those of a wave along the normal of the overlap; corners and bends of its borders, for which the \
+             weight stays as it is, are not in them, nor is the spreading of waves"
+                .into(),
+        );
+    } else if s.across.is_some() {
         out.push(
             "errors are those of waves along the overlap; what happens across the body is not in them".into(),
         );

@@ -27,6 +27,8 @@ const POINTS: usize = 20;
 pub(super) struct Candidate {
     /// Coarse spacing \[m\].
     pub h: f64,
+    /// Fine spacing \[m\].
+    pub r: f64,
     /// Mediator spacing \[m\].
     pub h_b: f64,
     /// Width of the overlap \[m\].
@@ -221,7 +223,7 @@ pub(super) fn errors(
     dt: f64,
 ) -> Errors {
     let cutoff = 2.0 * s.speed / c.h;
-    let lattices = [[c.h, s.elementwise[0]], [s.spacings[1], s.elementwise[1]]];
+    let lattices = [[c.h, s.elementwise[0]], [c.r, s.elementwise[1]]];
     let fate = |omega: &f64| {
         let [coarse, fine] = lattices.map(|l| wavenumber(*omega, s.speed, l, dt));
         match (coarse, fine) {
@@ -404,6 +406,7 @@ steps = 1
         };
         let c = Candidate {
             h,
+            r: h,
             h_b: h,
             overlap: 4.0,
             profile: ProfileKind::Cubic,

@@ -1,7 +1,8 @@
 //! Reads from a scene the quantities that decide accuracy and cost of its coupling.
 
+use super::around::{self, Around};
 use super::path::{self, Origin};
-use crate::error::{Error, Result, key};
+use crate::error::{Result, key};
 use crate::setup;
 use crate::spec::{
     Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, SceneSpec, Shape, StepChoice,
@@ -13,12 +14,29 @@ use std::f64::consts::PI;
 /// Number of samples of a signal for its spectrum.
 const SAMPLES: usize = 1024;
 
-/// A scene with one interface, reduced to lengths along its overlap.
+/// Kind of an overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OverlapKind {
+    /// A layer normal to x, y or z.
+    Slab,
+    /// The space between two regions.
+    Shell,
+    /// The layer of the body's elements around a zone.
+    Zone,
+}
+
+/// A scene with one interface, reduced to lengths along the normal of its overlap.
 #[derive(Debug, Clone)]
 pub struct Scenario {
     /// Names of the interface, of the coarse and of the fine model.
     pub names: [String; 3],
-    /// Axis of the overlap.
+    /// Keys of the coarse model and of the interface in the file.
+    pub keys: [String; 2],
+    /// Kind of the overlap.
+    pub kind: OverlapKind,
+    /// Sizes around an overlap that is no slab; `None` until the models are built.
+    pub around: Option<Around>,
+    /// Axis of a slab.
     pub axis: usize,
     /// End of the fine model's own region \[m\].
     pub border: f64,
@@ -26,15 +44,19 @@ pub struct Scenario {
     pub inward: f64,
     /// Width of the overlap \[m\].
     pub overlap: f64,
-    /// True if two numbers of the scene determine the width of the overlap.
+    /// True if the scene determines the width of the overlap by numbers that may change.
     pub movable: bool,
     /// Smallest width of the overlap that keeps the fine model at its probes \[m\].
     pub needed: f64,
-    /// Lengths of the coarse body and of the fine model's own region along the axis \[m\].
+    /// Lengths of the coarse body and of the fine model's own region along the normal \[m\]; zero until the
+    /// models are built if the overlap is no slab.
     pub lengths: [f64; 2],
     /// Spacings of the coarse model, the fine model and the mediator \[m\].
     pub spacings: [f64; 3],
-    /// Smallest size across the axis \[m\]; `None` for lines.
+    /// Longest distance between nodes \[m\] for which a zone halves the body's elements.
+    pub halved_to: Option<f64>,
+    /// Smallest size across the axis \[m\], or smallest size of a body with a shell or a zone; `None` for
+    /// lines.
     pub across: Option<f64>,
     /// Profile of the weights.
     pub profile: ProfileKind,
@@ -51,7 +73,7 @@ pub struct Scenario {
     pub elementwise: [f64; 2],
     /// True if the fine model is a random packing.
     pub particles: bool,
-    /// Speed of long axial waves \[m/s\].
+    /// Speed of long axial waves \[m/s\], or of shear waves if the overlap is no slab.
     pub speed: f64,
     /// End of the run \[s\], if the scene gives it.
     pub end: Option<f64>,
@@ -61,31 +83,112 @@ pub struct Scenario {
     pub free_steps: bool,
 }
 
-/// Reduces a scene to lengths along its overlap.
+impl Scenario {
+    /// Returns the spacing of the fine model beside a coarse spacing `h` \[m\].
+    pub(super) fn fine_spacing(&self, h: f64) -> f64 {
+        self.halved_to.map_or(self.spacings[1], |longest| {
+            h / (h / longest).log2().ceil().max(1.0).exp2()
+        })
+    }
+
+    /// Returns measures of the fine model and of the overlap for a width of the overlap \[m\], in any unit.
+    pub(super) fn sizes(&self, overlap: f64) -> [f64; 2] {
+        match &self.around {
+            Some(around) => around.sizes(overlap),
+            None => [self.lengths[1] + overlap, overlap],
+        }
+    }
+
+    /// Returns the table of the coarse model in the file.
+    pub(super) fn coarse_table<'a>(&self, scene: &'a SceneSpec) -> Option<&'a ModelTable> {
+        match self.kind {
+            OverlapKind::Zone => scene.body.as_ref(),
+            _ => scene.model.get(&self.names[1]),
+        }
+    }
+}
+
+/// Reduces a scene to lengths along the normal of its overlap.
 pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     let mut interfaces = scene.interface.iter();
     let (Some((name, table)), None) = (interfaces.next(), interfaces.next()) else {
+        let place = if scene.zone.is_empty() {
+            "interface"
+        } else {
+            "zone"
+        };
         let rule = format!(
-            "has {} entries; suggest speaks of scenes with one interface between two models",
+            "has {} entries; suggest speaks of scenes with one interface or zone between two models",
             scene.interface.len()
         );
-        return Err(key("interface", rule));
-    };
-    let OverlapShape::Slab { fine, coarse } = &table.overlap else {
-        let rule = "is no slab; suggest needs one along x, y or z";
-        return Err(key(format!("interface.{name}.overlap"), rule));
-    };
-    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
-    let &[axis] = apart.as_slice() else {
-        let rule = "is not normal to x, y or z; suggest needs a slab that is";
-        return Err(key(format!("interface.{name}.overlap.slab"), rule));
+        return Err(key(place, rule));
     };
     let model = |role: &str, n: &String| {
         scene.model.get(n).ok_or_else(|| {
             crate::error::unknown(format!("interface.{name}.{role}"), n, "model", scene.model.keys())
         })
     };
-    let (c, f) = (model("coarse", &table.coarse)?, model("fine", &table.fine)?);
+    let sides = [model("coarse", &table.coarse)?, model("fine", &table.fine)?];
+    match &table.overlap {
+        OverlapShape::Slab { fine, coarse } => slab(scene, (name, table), sides, [fine, coarse]),
+        OverlapShape::Shell { core, domain } => around::shell(
+            scenario_of(scene, (name, table), sides),
+            (table, sides),
+            [core, domain],
+        ),
+        OverlapShape::Zone(_) => around::zone(scenario_of(scene, (name, table), sides), scene, sides[1]),
+    }
+}
+
+/// Returns what does not depend on the form of the overlap; the rest is empty.
+fn scenario_of(scene: &SceneSpec, (name, table): (&str, &Interface), [c, f]: [&ModelTable; 2]) -> Scenario {
+    Scenario {
+        names: [name.to_owned(), table.coarse.clone(), table.fine.clone()],
+        keys: [format!("model.{}", table.coarse), format!("interface.{name}")],
+        kind: OverlapKind::Slab,
+        around: None,
+        axis: 0,
+        border: 0.0,
+        inward: 1.0,
+        overlap: 0.0,
+        movable: false,
+        needed: 0.0,
+        lengths: [0.0; 2],
+        spacings: [0.0; 3],
+        halved_to: None,
+        across: None,
+        profile: table.weight.kind(),
+        junction: table.junction.kind,
+        length_ratio: 0.25,
+        absorber: table.absorber.is_some(),
+        probes: Vec::new(),
+        elementwise: [c, f].map(|m| setup::kind(m.kind).element_share(m)),
+        particles: setup::kind(f.kind).has_spheres(),
+        speed: (c.material.young / c.material.density).sqrt(),
+        end: scene.time.end,
+        fraction: match scene.time.step {
+            StepChoice::Fraction(x) => Some(x),
+            StepChoice::Seconds(_) => None,
+        },
+        free_steps: matches!(scene.time.step, StepChoice::Fraction(_))
+            && scene.time.steps.is_none()
+            && c.step.is_none()
+            && f.step.is_none(),
+    }
+}
+
+/// Reads a slab between two planes through the points `fine` and `coarse`.
+fn slab(
+    scene: &SceneSpec,
+    (name, table): (&str, &Interface),
+    [c, f]: [&ModelTable; 2],
+    [fine, coarse]: [&[f64; 3]; 2],
+) -> Result<Scenario> {
+    let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
+    let &[axis] = apart.as_slice() else {
+        let rule = "is not normal to x, y or z; suggest needs a slab that is";
+        return Err(key(format!("interface.{name}.overlap.slab"), rule));
+    };
     let (ce, fe) = (extent(&table.coarse, c, axis)?, extent(&table.fine, f, axis)?);
     let inward = (coarse[axis] - fine[axis]).signum();
     let overlap = (coarse[axis] - fine[axis]).abs();
@@ -102,7 +205,6 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         .filter(|p| p.model.as_ref() == Some(&table.fine));
     let inside = fine_probes.filter_map(|p| Some((p.at?[axis] - fine[axis]) * inward));
     Ok(Scenario {
-        names: [name.clone(), table.coarse.clone(), table.fine.clone()],
         axis,
         border: fine[axis],
         inward,
@@ -112,25 +214,16 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
         lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
         spacings,
         across: across(&c.shape, axis),
-        profile: table.weight.kind(),
-        junction: table.junction.kind,
-        // A quarter of the mediator's spacing is the default of scenes.
-        length_ratio: table.junction.length.map_or(0.25, |l| l / spacings[2]),
-        absorber: table.absorber.is_some(),
+        length_ratio: length_ratio(table, spacings[2]),
         probes: path::probes(scene, axis, fine[axis], inward),
-        elementwise: [c, f].map(|m| setup::kind(m.kind).element_share(m)),
-        particles: setup::kind(f.kind).has_spheres(),
-        speed: (c.material.young / c.material.density).sqrt(),
-        end: scene.time.end,
-        fraction: match scene.time.step {
-            StepChoice::Fraction(x) => Some(x),
-            StepChoice::Seconds(_) => None,
-        },
-        free_steps: matches!(scene.time.step, StepChoice::Fraction(_))
-            && scene.time.steps.is_none()
-            && c.step.is_none()
-            && f.step.is_none(),
+        ..scenario_of(scene, (name, table), [c, f])
     })
+}
+
+/// Returns the length of a junction over the spacing of the mediator \[m\].
+pub(super) fn length_ratio(table: &Interface, mediator: f64) -> f64 {
+    // A quarter of the mediator's spacing is the default of scenes.
+    table.junction.length.map_or(0.25, |l| l / mediator)
 }
 
 /// Returns the first and last coordinate of a body on an axis \[m\].
@@ -228,19 +321,40 @@ impl Spectrum {
     }
 }
 
-/// Returns the spectrum of the signal: of a pulse of length 2/`frequency` if a frequency \[Hz\] is given,
-/// else of the shortest pulse, ramp or wave of the scene.
+/// Shape of a signal, before its spectrum is computed.
+pub(super) struct Source {
+    duration: f64,
+    text: String,
+    signal: Signal,
+    origin: Option<Origin>,
+}
+
+/// Returns the spectrum of the signal in a run until `end` \[s\].
 pub(super) fn spectrum(
     scene: &SceneSpec,
     s: &Scenario,
     end: f64,
     frequency: Option<f64>,
 ) -> Result<Spectrum> {
+    let source = signal(scene, s, frequency)?;
+    let mut spectrum = transform(&*source.signal, source.duration, end, source.text);
+    spectrum.origin = source.origin;
+    Ok(spectrum)
+}
+
+/// Returns the signal: a pulse of length 2/`frequency` if a frequency \[Hz\] is given, else the shortest
+/// pulse, ramp or wave of the scene.
+pub(super) fn signal(scene: &SceneSpec, s: &Scenario, frequency: Option<f64>) -> Result<Source> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
-    let mut shortest: Option<(f64, String, Signal, Option<Origin>)> = None;
-    let mut offer = |duration: f64, source: String, signal: Signal, origin: Option<Origin>| {
-        if shortest.as_ref().is_none_or(|f| duration < f.0) {
-            shortest = Some((duration, source, signal, origin));
+    let mut shortest: Option<Source> = None;
+    let mut offer = |duration: f64, text: String, signal: Signal, origin: Option<Origin>| {
+        if shortest.as_ref().is_none_or(|f| duration < f.duration) {
+            shortest = Some(Source {
+                duration,
+                text,
+                signal,
+                origin,
+            });
         }
     };
     if let Some(f) = frequency {
@@ -289,21 +403,18 @@ pub(super) fn spectrum(
             );
         }
     }
-    let Some((duration, source, signal, origin)) = shortest else {
+    shortest.ok_or_else(|| {
         let rule = "no load has a pulse or ramp and there is no initial wave: steps have no highest frequency; give the \
                     highest one of interest, such as --frequency 2e5";
-        return Err(Error::Key {
-            key: "load".into(),
-            rule: rule.into(),
-        });
-    };
-    let mut spectrum = transform(&*signal, duration, end, source);
-    spectrum.origin = origin;
-    Ok(spectrum)
+        key("load", rule)
+    })
 }
 
 /// Returns the place of a load, from which waves run both ways.
 fn load_origin(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
+    if s.kind != OverlapKind::Slab {
+        return None;
+    }
     let place = (path::place(scene, &l.model, &l.at, s.axis)? - s.border) * s.inward;
     Some(Origin {
         place,
@@ -314,7 +425,7 @@ fn load_origin(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
 
 /// Returns the place and direction of an initial wave.
 fn wave_origin(w: &Wave, s: &Scenario) -> Option<Origin> {
-    let along = w.along.index() == s.axis && w.component.index() == s.axis;
+    let along = s.kind == OverlapKind::Slab && w.along.index() == s.axis && w.component.index() == s.axis;
     let forwards = w.speed.is_none_or(|c| c > 0.0) == (s.inward > 0.0);
     along.then_some(Origin {
         place: (w.centre - s.border) * s.inward,
