@@ -70,7 +70,7 @@ struct Contacts {
 #[derive(Debug)]
 enum Pairs {
     /// All pairs of a whole body, each with a spring.
-    Whole(PairList),
+    Whole(Box<PairList>),
     /// Pairs of a rank's part; those that push are gathered from all ranks.
     Part(Box<GatheredPairs>),
 }
@@ -99,7 +99,7 @@ impl Contact {
             grains,
             log: model.break_log(),
             seen: 0,
-            pairs: Pairs::Whole(PairList::new(body, law.skin * body.mean_radius())),
+            pairs: Pairs::Whole(Box::new(PairList::new(body, law.skin * body.mean_radius()))),
             touching: Touching::new(law),
         }))
     }
