@@ -349,7 +349,7 @@ fn a_run_says_the_same_and_what_its_motion_shows() {
     let out = folder.join("out");
     let pull = "load.0={model='right', where='x-max', force=[1e11, 0.0, 0.0], time={table=[[0.0, 0.0], [5e-6, 0.0], [6e-6, 1.0]]}}";
     let run = crate::common::arlequin(&["run", text(&path), "--out", text(&out), "--set", pull]);
-    let stderr = String::from_utf8_lossy(&run.stderr).into_owned();
+    let stderr = crate::common::unwrapped(&String::from_utf8_lossy(&run.stderr));
     assert!(run.status.success(), "{stderr}");
     let texts = summary(&out)["warnings"].clone();
     let texts: Vec<&str> = texts
