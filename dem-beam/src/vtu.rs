@@ -82,14 +82,16 @@ impl Piece {
     }
 }
 
+/// Place where appended data begin, behind the mark `_`, and true if they are base64.
+type Appended = (u64, bool);
+
 /// An open VTU file.
 #[derive(Debug)]
 pub struct Vtu<R> {
     source: R,
     /// XML before the appended data.
     head: String,
-    /// Where the appended data begin, behind the mark `_`, with true if they are base64.
-    appended: Option<(u64, bool)>,
+    appended: Option<Appended>,
     /// Bytes per number in the headers of arrays.
     width: usize,
     zlib: bool,
@@ -228,9 +230,8 @@ impl<R: Read + Seek> Vtu<R> {
     }
 }
 
-/// Reads the XML before the appended data, with the closing tag added, and finds where these data begin and
-/// whether they are base64.
-fn read_head(source: &mut impl Read) -> std::io::Result<(Vec<u8>, Option<(u64, bool)>)> {
+/// Reads the XML before the appended data, with the closing tag added, and finds these data.
+fn read_head(source: &mut impl Read) -> std::io::Result<(Vec<u8>, Option<Appended>)> {
     const MARK: &[u8] = b"<AppendedData";
     let (mut bytes, mut searched) = (Vec::new(), 0);
     loop {

@@ -3,7 +3,7 @@
 use super::fields;
 use super::painter::{Painter, Seen, vectors};
 use super::pieces::Piece;
-use super::writer::{Array, Entry, WRITERS, Writer};
+use super::writer::{Array, Entry, Picture, WRITERS, Writer};
 use crate::error::{Error, Result, core, write};
 use crate::ranks::Ranks;
 use crate::setup::{Grid, ModelInfo, RigidPicture};
@@ -40,24 +40,14 @@ pub struct Pictures {
     pub rigid: Vec<RigidPicture>,
 }
 
-/// A model at one instant.
-#[derive(Debug)]
-pub struct Picture<'a> {
-    /// Name of the model.
-    pub name: String,
-    /// Points and cells at rest.
-    pub grid: &'a Grid,
-    /// Values at the points.
-    pub points: Vec<Array>,
-    /// Values in the cells.
-    pub cells: Vec<Array>,
-}
+/// Stem of the files of a partitioned model, and its arrays of points and of cells without values.
+type PieceArrays = (String, [Vec<Array>; 2]);
 
 /// Files that a rank has written of one instant.
 #[derive(Debug)]
 struct Written {
-    /// Entries of models; of partitioned ones with the stem of their files and their arrays without values.
-    models: Vec<(Entry, Option<(String, [Vec<Array>; 2])>)>,
+    /// Entries of models.
+    models: Vec<(Entry, Option<PieceArrays>)>,
     /// Paths of the files of this rank.
     files: Vec<PathBuf>,
     /// First error.

@@ -14,8 +14,8 @@ pub(crate) mod writer;
 
 pub use crate::setup::packing;
 pub use folder::{Folder, Place};
-pub use frames::{Frames, Picture, Pictures};
-pub use writer::{Array, Entry};
+pub use frames::{Frames, Pictures};
+pub use writer::{Array, Entry, Picture};
 
 use crate::error::{Error, Result, write};
 use std::fmt::Write as _;

@@ -8,7 +8,7 @@ use super::wake::{self, Asleep};
 use crate::error::{Error, Result, key};
 use crate::output::writer::writer;
 use crate::output::{Folder, mark};
-use crate::ranks::{Ranks, together};
+use crate::ranks::together;
 use crate::scene::Scene;
 use crate::setup::{self, Built, lower};
 use arlequin::core::Coupled;
@@ -173,22 +173,6 @@ fn last_checkpoint(target: &Path) -> Result<Checkpoint> {
     Ok(saved)
 }
 
-/// Builds a scene from the state in which a model woke.
-fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
-    Ok(Prepared {
-        built: setup::build_from(
-            scene.spec(),
-            scene.folder(),
-            Some(start),
-            &Ranks::default(),
-            &mut |_| (),
-        )?,
-        asleep: None,
-        setup: 0.0,
-        scene: scene.clone(),
-    })
-}
-
 impl Results {
     /// Prepares to continue a run that its observer or a crack ended. The results have the same bits as
     /// without the stop and include the values recorded so far. The scene is built again.
@@ -224,7 +208,15 @@ impl Resumed {
             scene.ranks().agree("the checkpoint", step)?;
         }
         let built = match &saved.wake {
-            Some(Stage::Awake { start, .. }) => awake(&scene, start),
+            Some(Stage::Awake { start, .. }) => {
+                let built = wake::build(&scene, Some(start), &mut |_| ());
+                built.map(|built| Prepared {
+                    built,
+                    asleep: None,
+                    setup: 0.0,
+                    scene: scene.clone(),
+                })
+            }
             _ => Prepared::new(&scene, &mut |_| ()),
         };
         let mut prepared = together(communicator.as_ref(), built)?;

@@ -4,7 +4,6 @@ use super::sample::{Sample, Test};
 use super::{Estimate, KEY, with_progress};
 use crate::Progress;
 use crate::error::{Result, key};
-use crate::scene::Source;
 use crate::setup::filling::dem;
 use crate::spec::CriterionKind;
 use arlequin::dem_beam::calibrate::Spread;

@@ -2,9 +2,9 @@
 
 mod vtu;
 
-use super::Picture;
 use super::pieces::Piece;
 use crate::error::{Result, unknown};
+use crate::setup::Grid;
 use crate::spec::Output;
 use std::fmt::Debug;
 use std::path::Path;
@@ -64,6 +64,19 @@ impl Array {
             values,
         }
     }
+}
+
+/// A model at one instant.
+#[derive(Debug)]
+pub struct Picture<'a> {
+    /// Name of the model.
+    pub name: String,
+    /// Points and cells at rest.
+    pub grid: &'a Grid,
+    /// Values at the points.
+    pub points: Vec<Array>,
+    /// Values in the cells.
+    pub cells: Vec<Array>,
 }
 
 /// An entry of the index.

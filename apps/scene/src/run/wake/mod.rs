@@ -36,9 +36,9 @@ pub(crate) struct Asleep {
 /// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
 pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
-    let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), report)?;
+    let awake = build(scene, None, report)?;
     let spec = asleep.spec();
-    let built = setup::build_from(spec, scene.folder(), None, &Ranks::default(), report)?;
+    let built = build(&asleep, None, report)?;
     let carrier = model_index("wake.by", &wake.by, spec)?;
     let watch = Watch::new(wake, carrier, spec.model[&wake.by].kind, &built.models[carrier])?;
     let hand_over = HandOver::new(wake, &awake, &built.run, &built.models)?;
@@ -49,6 +49,11 @@ pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) 
         hand_over,
     };
     Ok((asleep, awake))
+}
+
+/// Builds a scene at its start, or from the state in which a model woke. The models are whole on every rank.
+pub(super) fn build(scene: &Scene, start: Option<&Start>, report: &mut dyn FnMut(&str)) -> Result<Built> {
+    setup::build_from(scene.spec(), scene.folder(), start, &Ranks::default(), report)
 }
 
 impl Asleep {
@@ -103,18 +108,7 @@ pub(crate) fn run(
     let begin = Instant::now();
     // Builds the full scene before files are moved: if this fails, the results so far are complete.
     let next = asleep.hand_over.start(session.coupled());
-    let next = next.and_then(|s| {
-        Ok((
-            setup::build_from(
-                scene.spec(),
-                scene.folder(),
-                Some(&s),
-                &Ranks::default(),
-                &mut |_| (),
-            )?,
-            s,
-        ))
-    });
+    let next = next.and_then(|s| Ok((build(scene, Some(&s), &mut |_| ())?, s)));
     let (built, start) = match next {
         Ok(next) => next,
         Err(e) => return session.conclude(Err(e), Some(report), observer),
