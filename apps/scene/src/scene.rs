@@ -255,15 +255,16 @@ impl Scene {
     /// # Errors
     /// Mistakes in the scene: the key, its value, the limit and the remedy.
     pub fn prepare(&self) -> Result<Prepared> {
-        self.prepare_with(&mut |_| ())
+        self.prepare_with(&mut |_, _, _| ())
     }
 
     /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
-    /// as it begins.
+    /// as it begins, and two zeros. While spheres are packed, it is called again with the name of the phase,
+    /// the percentage done and 100.
     ///
     /// # Errors
     /// See [`Self::prepare`].
-    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
+    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str, usize, usize)) -> Result<Prepared> {
         let prepared = Prepared::new(self, announce).map_err(|e| zone::written(&self.spec, e));
         self.ranks.together(prepared)
     }

@@ -45,7 +45,13 @@ impl WallList {
 
     /// Lists the walls of spheres that will move by up to `travel` \[m\]; `before` are the spheres when the
     /// walls were last listed.
-    pub(crate) fn renew(&mut self, container: &Container, spheres: &[Sphere], before: &[Sphere], travel: f64) {
+    pub(crate) fn renew(
+        &mut self,
+        container: &Container,
+        spheres: &[Sphere],
+        before: &[Sphere],
+        travel: f64,
+    ) {
         let places = spheres.par_chunks(CHUNK).zip(before.par_chunks(CHUNK));
         let work = self.chunks.par_iter_mut().zip(self.free.par_chunks_mut(CHUNK));
         work.zip(places).for_each(|((chunk, free), (spheres, before))| {
@@ -96,7 +102,11 @@ impl Container {
             _ => {
                 let far = mover.radius + 4.0 * mover.travel;
                 let free = (self.gap(&mover.centre, far) - mover.radius) * (1.0 - 1e-6);
-                return if free > mover.travel { Ok(free) } else { Err([None; 2]) };
+                return if free > mover.travel {
+                    Ok(free)
+                } else {
+                    Err([None; 2])
+                };
             }
         };
         match listings {

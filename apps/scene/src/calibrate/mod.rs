@@ -280,7 +280,9 @@ fn uniform(results: &TestResults, out: &mut Calibration) {
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
     let recipes = sample.recipes.iter().map(|r| &r.1);
-    let out = with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))?;
+    let out = with_progress(recipes, "packings", progress, |r| {
+        r.clone().packing(&sample.key, &mut |_| ())
+    })?;
     sample.check(&out)?;
     Ok(out)
 }

@@ -168,7 +168,7 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    pub(crate) fn new(scene: &Scene, report: &mut dyn FnMut(&str)) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, report: &mut dyn FnMut(&str, usize, usize)) -> Result<Self> {
         let begin = Instant::now();
         let (asleep, built) = match &scene.spec().wake {
             None => {
@@ -299,7 +299,7 @@ fn awake(scene: &Scene, start: &setup::Start) -> Result<Prepared> {
             scene.folder(),
             Some(start),
             &Ranks::default(),
-            &mut |_| (),
+            &mut |_, _, _| (),
         )?,
         asleep: None,
         setup: 0.0,
@@ -324,7 +324,7 @@ impl Resumed {
         }
         let built = match &saved.wake {
             Some(Stage::Awake { start, .. }) => awake(&scene, start),
-            _ => Prepared::new(&scene, &mut |_| ()),
+            _ => Prepared::new(&scene, &mut |_, _, _| ()),
         };
         let mut prepared = together(communicator.as_ref(), built)?;
         prepared.setup = begin.elapsed().as_secs_f64();

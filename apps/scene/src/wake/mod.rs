@@ -33,7 +33,11 @@ pub(crate) struct Asleep {
 }
 
 /// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
-pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
+pub(crate) fn prepare(
+    scene: &Scene,
+    wake: &Wake,
+    report: &mut dyn FnMut(&str, usize, usize),
+) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
     let awake = setup::build_from(scene.spec(), scene.folder(), None, &Ranks::default(), report)?;
     let spec = asleep.spec();
@@ -128,7 +132,7 @@ pub(crate) fn run(
                 scene.folder(),
                 Some(&s),
                 &Ranks::default(),
-                &mut |_| (),
+                &mut |_, _, _| (),
             )?,
             s,
         ))
