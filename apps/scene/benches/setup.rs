@@ -38,7 +38,7 @@ fn main() -> Result<()> {
 fn measure(kinds: [&str; 2], unknowns: f64) -> Result<()> {
     let scene = Scene::from_text(text(kinds, unknowns))?;
     let begin = Instant::now();
-    let prepared = scene.prepare_with(&mut |_| ())?;
+    let prepared = scene.prepare_with(&mut |_, _, _| ())?;
     let seconds = begin.elapsed().as_secs_f64();
     let plan = prepared.coupled().plan();
     let all: usize = plan.models.iter().map(|m| m.3).sum();

@@ -55,6 +55,14 @@ impl PackingSpec {
     /// # Errors
     /// Errors of [`Self::build`].
     pub fn build_cached(&self, directory: &Path) -> Result<Packing> {
+        self.build_cached_with(directory, &mut |_| ())
+    }
+
+    /// Does what [`Self::build_cached`] does; `progress` is that of [`Self::build_with`].
+    ///
+    /// # Errors
+    /// Errors of [`Self::build`].
+    pub fn build_cached_with(&self, directory: &Path, progress: &mut dyn FnMut(f64)) -> Result<Packing> {
         let name = self.content_hash();
         let path = directory.join(format!("packing-{name}.bin"));
         if let Some(packing) = std::fs::read(&path).ok().and_then(|bytes| decode(&bytes)) {
@@ -65,7 +73,7 @@ impl PackingSpec {
                 ..packing
             });
         }
-        let packing = self.build()?;
+        let packing = self.build_with(progress)?;
         // If the folder cannot be written the packing is still right; the next run makes it again.
         let _ = store(&packing, directory, &path);
         Ok(packing)

@@ -52,6 +52,8 @@ pub(crate) struct CellList {
     dims: [usize; 3],
     start: Vec<u32>,
     order: Vec<u32>,
+    /// The particles in the order of the cells.
+    sorted: Vec<Sphere>,
 }
 
 impl CellList {
@@ -95,6 +97,9 @@ impl CellList {
             self.order[next[c] as usize] = i as u32;
             next[c] += 1;
         }
+        self.sorted.clear();
+        self.sorted
+            .extend(self.order.iter().map(|&i| spheres[i as usize]));
     }
 
     /// Returns the lowest corner and the edges of the box that the cells cover.
@@ -127,17 +132,26 @@ impl CellList {
         (c[0] * self.dims[1] + c[1]) * self.dims[2] + c[2]
     }
 
-    /// Calls `near` with every particle of the 27 cells around sphere `s`.
+    /// Calls `visit` with every particle of the 27 cells around sphere `s`.
     #[inline]
     pub(crate) fn around(&self, s: &Sphere, mut visit: impl FnMut(u32)) {
+        self.rows_around(s, |numbers, _| numbers.iter().for_each(|&n| visit(n)));
+    }
+
+    /// Calls `visit` with the numbers and the spheres of every row of the 27 cells around sphere `s`.
+    #[inline]
+    fn rows_around(&self, s: &Sphere, mut visit: impl FnMut(&[u32], &[Sphere])) {
         let c = self.cell(s);
+        let mut row = |first: usize, last: usize| {
+            let range = self.start[first] as usize..self.start[last + 1] as usize;
+            visit(&self.order[range.clone()], &self.sorted[range]);
+        };
         if self.period.is_some() {
             // With fewer than three cells along an edge, a cell would be visited twice.
             let turn = |a: usize, k: usize| (c[a] + self.dims[a] + k - 1) % self.dims[a];
             for k in 0..27 {
                 let cell = self.index([turn(0, k / 9), turn(1, k / 3 % 3), turn(2, k % 3)]);
-                let range = self.start[cell] as usize..self.start[cell + 1] as usize;
-                self.order[range].iter().for_each(|&n| visit(n));
+                row(cell, cell);
             }
             return;
         }
@@ -146,11 +160,7 @@ impl CellList {
         for i in range(0) {
             for j in range(1) {
                 // Cells along the last axis are contiguous.
-                let a = self.start[self.index([i, j, k0])] as usize;
-                let b = self.start[self.index([i, j, k1]) + 1] as usize;
-                for &n in &self.order[a..b] {
-                    visit(n);
-                }
+                row(self.index([i, j, k0]), self.index([i, j, k1]));
             }
         }
     }
@@ -169,35 +179,56 @@ pub(crate) struct ListChunk {
 pub(crate) fn verlet_list(cells: &mut CellList, spheres: &[Sphere], skin: f64, out: &mut Vec<ListChunk>) {
     let largest = spheres.iter().fold(0.0_f64, |m, s| m.max(s[3]));
     cells.build(spheres, 2.0 * largest + skin);
-    let cells = &*cells;
     out.resize(spheres.len().div_ceil(CHUNK), ListChunk::default());
-    out.par_iter_mut().enumerate().for_each(|(c, chunk)| {
-        chunk.start.clear();
-        chunk.neighbours.clear();
-        chunk.start.push(0);
-        let first = c * CHUNK;
-        let mut apart: Vec<u32> = Vec::with_capacity(64);
-        for i in first..(first + CHUNK).min(spheres.len()) {
-            let s = spheres[i];
-            let list = &mut chunk.neighbours;
-            apart.clear();
-            cells.around(&s, |j| {
-                let t = spheres[j as usize];
-                let d = [t[0] - s[0], t[1] - s[1], t[2] - s[2]];
-                let d = cells.period.map_or(d, |p| image(d, &p));
+    let cells = &*cells;
+    out.par_iter_mut()
+        .enumerate()
+        .for_each(|(c, chunk)| match &cells.period {
+            None => list_chunk((cells, spheres), c * CHUNK, skin, |d| d, chunk),
+            Some(p) => list_chunk((cells, spheres), c * CHUNK, skin, |d| image(d, p), chunk),
+        });
+}
+
+/// Lists the neighbours of up to [`CHUNK`] spheres from number `first` on; `image` turns a difference of
+/// centres into that to the nearest periodic image.
+fn list_chunk(
+    (cells, spheres): (&CellList, &[Sphere]),
+    first: usize,
+    skin: f64,
+    image: impl Fn([f64; 3]) -> [f64; 3],
+    chunk: &mut ListChunk,
+) {
+    let squared = |s: &Sphere, t: &Sphere| {
+        let d = image([t[0] - s[0], t[1] - s[1], t[2] - s[2]]);
+        d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    };
+    let ListChunk { start, neighbours } = chunk;
+    start.clear();
+    neighbours.clear();
+    start.push(0);
+    let (mut near, mut apart) = (Vec::new(), Vec::new());
+    for (i, s) in spheres.iter().enumerate().skip(first).take(CHUNK) {
+        let mut count = 0;
+        cells.rows_around(s, |numbers, others| {
+            near.resize(near.len().max(count + numbers.len()), 0);
+            for (&j, t) in numbers.iter().zip(others) {
                 let reach = s[3] + t[3] + skin;
-                let dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-                if dd < reach * reach && j as usize != i {
-                    let touch = s[3] + t[3];
-                    if dd < touch * touch {
-                        list.push(j);
-                    } else {
-                        apart.push(j);
-                    }
-                }
-            });
-            list.extend_from_slice(&apart);
-            chunk.start.push(chunk.neighbours.len() as u32);
+                // Every number is stored, and kept if it counts: branches here would often go the wrong way.
+                near[count] = j;
+                count += usize::from(squared(s, t) < reach * reach);
+            }
+        });
+        apart.clear();
+        for &j in near[..count].iter().filter(|j| **j as usize != i) {
+            let t = &spheres[j as usize];
+            let touch = s[3] + t[3];
+            if squared(s, t) < touch * touch {
+                neighbours.push(j);
+            } else {
+                apart.push(j);
+            }
         }
-    });
+        neighbours.extend_from_slice(&apart);
+        start.push(neighbours.len() as u32);
+    }
 }

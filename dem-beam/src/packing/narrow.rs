@@ -83,10 +83,18 @@ fn width(body: &Container, spheres: &[Sphere], diameter: f64) -> Option<f64> {
             // The deepest of some centres is a good start for the search of the deepest point.
             let probed = spheres.iter().step_by(spheres.len().div_ceil(PROBED));
             let gap = |x: &Vector3<f64>| body.gap(x, reach);
-            let deepest = probed.map(centre).max_by(|a, b| gap(a).total_cmp(&gap(b)));
-            deepest.map(|x| 2.0 * climb(x, 0.5 * diameter, gap))
+            let deepest = deepest(probed.map(centre), gap);
+            deepest.map(|(x, _)| 2.0 * climb(x, 0.5 * diameter, gap))
         }
     }
+}
+
+/// Returns the point with the largest distance from the wall (the last of several), and this distance \[m\].
+fn deepest(
+    points: impl Iterator<Item = Vector3<f64>>,
+    gap: impl Fn(&Vector3<f64>) -> f64,
+) -> Option<(Vector3<f64>, f64)> {
+    points.map(|x| (x, gap(&x))).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Returns the largest distance from the wall near `x` \[m\], by steps that shrink from `step` \[m\]. The
@@ -100,10 +108,9 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
                 x + Vector3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)).add_scalar(-1.0)
                     * step
             });
-            let Some(next) = candidates.max_by(|a, b| gap(a).total_cmp(&gap(b))) else {
+            let Some((next, depth)) = deepest(candidates, &gap) else {
                 break;
             };
-            let depth = gap(&next);
             if depth <= best * (1.0 + 1e-9) {
                 break;
             }

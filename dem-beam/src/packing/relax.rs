@@ -16,6 +16,8 @@ use rayon::prelude::*;
 const STEP_MAX: f64 = 0.55;
 /// First FIRE step.
 const STEP_FIRST: f64 = 0.1;
+/// Number of steps between reports of progress.
+const WATCHED_STEPS: usize = 32;
 /// Mixing factor of FIRE at the start and after each restart (Bitzek et al.).
 const MIX: f64 = 0.1;
 
@@ -61,7 +63,6 @@ struct Steer {
 }
 
 /// Soft spheres in a container.
-#[derive(Debug)]
 pub(crate) struct SoftSpheres<'a> {
     container: &'a Container,
     pub(crate) spheres: Vec<Sphere>,
@@ -77,10 +78,17 @@ pub(crate) struct SoftSpheres<'a> {
     slack: f64,
     /// True once the user has asked to stop.
     interrupted: bool,
+    /// Number of relaxation steps so far, and what is called with it now and then.
+    steps: usize,
+    watch: &'a mut dyn FnMut(usize),
 }
 
 impl<'a> SoftSpheres<'a> {
-    pub(crate) fn new(container: &'a Container, spheres: Vec<Sphere>) -> Self {
+    pub(crate) fn new(
+        container: &'a Container,
+        spheres: Vec<Sphere>,
+        watch: &'a mut dyn FnMut(usize),
+    ) -> Self {
         let n = spheres.len();
         let mean_radius = cells::mean_radius(&spheres);
         Self {
@@ -96,6 +104,8 @@ impl<'a> SoftSpheres<'a> {
             skin: 0.0,
             slack: 0.0,
             interrupted: false,
+            steps: 0,
+            watch,
             spheres,
         }
     }
@@ -181,6 +191,10 @@ impl<'a> SoftSpheres<'a> {
                 Steer::default()
             };
             let moved = self.advance(dt, steer);
+            self.steps += 1;
+            if self.steps.is_multiple_of(WATCHED_STEPS) {
+                (self.watch)(self.steps);
+            }
             since_list += 1;
             if 2.0 * moved > self.slack {
                 // A calm packing moves little between lists. A thinner skin then has fewer pairs to test.

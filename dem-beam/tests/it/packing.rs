@@ -155,6 +155,17 @@ fn reproducible_cached_and_through_csv() {
     assert!(matches!(nan, Err(Error::NotFinite { index: 1, .. })));
 }
 
+/// The share that is done grows from body to body and step to step, and no body counts twice.
+#[test]
+fn progress_grows_to_the_end() {
+    let mut shares = Vec::new();
+    let spec = PackingSpec::new(bar_of(4e-3).0, 300, 1);
+    let watched = spec.build_with(&mut |share| shares.push(share)).unwrap();
+    assert!(watched == spec.build().unwrap());
+    assert!(shares.len() > 10 && shares.is_sorted(), "{shares:?}");
+    assert!(shares[0] > 0.0 && shares[shares.len() - 1] < 1.0, "{shares:?}");
+}
+
 /// A simple cubic lattice in tension has `E = E_mu pi r_b^2/(2r)^2` away from the ends, and nu = 0.
 #[test]
 fn cubic_lattice_has_its_textbook_modulus() {

@@ -72,10 +72,10 @@ fn loudness() -> Loudness {
     LOUDNESS.get().copied().unwrap_or_default()
 }
 
-/// Returns a function that shows each phase of a set-up as it begins, until it is dropped.
-pub(crate) fn phase_reporter() -> impl FnMut(&str) {
+/// Returns a function that shows the phases of a set-up and their progress, until it is dropped.
+pub(crate) fn phase_reporter() -> impl FnMut(&str, usize, usize) {
     let progress = Progress::default();
-    move |phase| progress.phase(phase)
+    move |phase, done, total| progress.phase(phase, done, total)
 }
 
 /// Prints an error.

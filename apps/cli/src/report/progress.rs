@@ -98,12 +98,12 @@ impl Progress {
         |what, done, total| self.show(what, done, total)
     }
 
-    /// Reports the start of a set-up phase, whose duration is not known.
-    pub(crate) fn phase(&self, phase: &str) {
-        if loudness().verbose {
+    /// Reports the start of a set-up phase (`total` is 0), or that `done` of `total` units of it are done.
+    pub(crate) fn phase(&self, phase: &str, done: usize, total: usize) {
+        if loudness().verbose && total == 0 {
             eprintln!("set-up     {phase} ...");
         }
-        self.show(&format!("set-up: {phase}"), 0, 0);
+        self.show(&format!("set-up: {phase}"), done, total);
     }
 
     /// Reports that `done` of `total` units are done.
@@ -112,7 +112,10 @@ impl Progress {
             Place::Nowhere => {}
             Place::Terminal(shown) => {
                 let Ok(mut shown) = shown.lock() else { return };
-                if shown.as_ref().is_none_or(|s| s.0 != what) {
+                let is_shown = |(name, bar): &(String, ProgressBar)| {
+                    name == what && bar.length().unwrap_or(0) == total as u64
+                };
+                if !shown.as_ref().is_some_and(is_shown) {
                     if let Some((_, bar)) = shown.take() {
                         bar.finish_and_clear();
                     }

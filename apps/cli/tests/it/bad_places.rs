@@ -29,7 +29,7 @@ fn assert_refused(name: &str, scene: &str, key: &str, words: &str) {
     let mut phases = Vec::new();
     let source = Source::new(&path, scene);
     let prepared =
-        Scene::from_source(source).and_then(|s| s.prepare_with(&mut |p| phases.push(p.to_owned())));
+        Scene::from_source(source).and_then(|s| s.prepare_with(&mut |p, _, _| phases.push(p.to_owned())));
     let error = prepared.map(|_| ()).expect_err("refused");
     let (place, message) = (error.place().0.unwrap_or_default().to_owned(), error.to_string());
     assert!(

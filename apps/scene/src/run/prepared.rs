@@ -34,7 +34,7 @@ impl Scene {
     /// # Errors
     /// Mistakes in the scene: the key, its value, the limit and the remedy.
     pub fn prepare(&self) -> Result<Prepared> {
-        self.prepare_with(&mut |_| ())
+        self.prepare_with(&mut |_, _, _| ())
     }
 
     /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
@@ -42,14 +42,14 @@ impl Scene {
     ///
     /// # Errors
     /// See [`Self::prepare`].
-    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str)) -> Result<Prepared> {
+    pub fn prepare_with(&self, announce: &mut dyn FnMut(&str, usize, usize)) -> Result<Prepared> {
         let prepared = Prepared::new(self, announce).map_err(|e| lower::written(self.spec(), e));
         self.ranks().together(prepared)
     }
 }
 
 impl Prepared {
-    fn new(scene: &Scene, report: &mut dyn FnMut(&str)) -> Result<Self> {
+    fn new(scene: &Scene, report: &mut dyn FnMut(&str, usize, usize)) -> Result<Self> {
         let begin = Instant::now();
         writer(&scene.spec().output)?;
         let (asleep, built) = match &scene.spec().wake {
@@ -209,7 +209,7 @@ impl Resumed {
         }
         let built = match &saved.wake {
             Some(Stage::Awake { start, .. }) => {
-                let built = wake::build(&scene, Some(start), &mut |_| ());
+                let built = wake::build(&scene, Some(start), &mut |_, _, _| ());
                 built.map(|built| Prepared {
                     built,
                     asleep: None,
@@ -217,7 +217,7 @@ impl Resumed {
                     scene: scene.clone(),
                 })
             }
-            _ => Prepared::new(&scene, &mut |_| ()),
+            _ => Prepared::new(&scene, &mut |_, _, _| ()),
         };
         let mut prepared = together(communicator.as_ref(), built)?;
         prepared.setup = begin.elapsed().as_secs_f64();

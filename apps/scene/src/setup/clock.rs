@@ -13,15 +13,16 @@ pub struct PhaseTime {
     pub seconds: f64,
 }
 
-/// Times the phases of the set-up and calls `announce` as each begins. A phase ends where the next begins.
+/// Times the phases of the set-up and announces each as it begins, and how much of it is done. A phase ends
+/// where the next begins.
 pub(crate) struct SetupClock<'a> {
-    announce: &'a mut dyn FnMut(&str),
+    announce: &'a mut dyn FnMut(&str, usize, usize),
     now: Option<(String, Instant)>,
     finished: Vec<PhaseTime>,
 }
 
 impl<'a> SetupClock<'a> {
-    pub(crate) fn new(announce: &'a mut dyn FnMut(&str)) -> Self {
+    pub(crate) fn new(announce: &'a mut dyn FnMut(&str, usize, usize)) -> Self {
         Self {
             announce,
             now: None,
@@ -32,8 +33,15 @@ impl<'a> SetupClock<'a> {
     /// Begins a phase and ends the previous one.
     pub(crate) fn begin(&mut self, phase: String) {
         self.stop();
-        (self.announce)(&phase);
+        (self.announce)(&phase, 0, 0);
         self.now = Some((phase, Instant::now()));
+    }
+
+    /// Announces the share of the current phase that is done, from 0 to 1.
+    pub(crate) fn progress(&mut self, share: f64) {
+        if let Some((phase, _)) = &self.now {
+            (self.announce)(phase, (100.0 * share) as usize, 100);
+        }
     }
 
     fn stop(&mut self) {

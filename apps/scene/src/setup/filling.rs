@@ -217,15 +217,15 @@ impl Recipe {
             .map_err(|source| Error::Read { path: file, source })
     }
 
-    /// Returns the packing, from the cache if it is there.
-    pub fn packing(self, path: &str) -> Result<Packing> {
+    /// Returns the packing, from the cache if it is there; calls `progress` with the share that is done.
+    pub fn packing(self, path: &str, progress: &mut dyn FnMut(f64)) -> Result<Packing> {
         let spec = match self {
             Self::Made(spec) => spec,
             Self::Read(packing) => return Ok(*packing),
         };
         let built = match cache() {
-            Some(folder) => spec.build_cached(&folder),
-            None => spec.build(),
+            Some(folder) => spec.build_cached_with(&folder, progress),
+            None => spec.build_with(progress),
         };
         built.map_err(dem(path))
     }

@@ -75,7 +75,7 @@ use std::path::Path;
 /// # Errors
 /// Mistakes in the scene: the key, its value, the limit and the remedy.
 pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
-    build_from(scene, folder, None, &Ranks::default(), &mut |_| ())
+    build_from(scene, folder, None, &Ranks::default(), &mut |_, _, _| ())
 }
 
 /// Checks what can be checked from the scene alone, without building anything.
@@ -87,14 +87,14 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     precheck::scene(scene, folder).map(|_| ())
 }
 
-/// Builds a run with its own initial state and on several ranks, among which bodies are partitioned; calls
-/// `announce` with the name of each phase as it begins.
+/// Builds a run with its own initial state and on several ranks, among which bodies are partitioned;
+/// `announce` is that of [`crate::Scene::prepare_with`].
 pub(crate) fn build_from(
     scene: &SceneSpec,
     folder: &Path,
     start: Option<&Start>,
     ranks: &Ranks,
-    announce: &mut dyn FnMut(&str),
+    announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Built> {
     let mut clock = SetupClock::new(announce);
     let scene = &formula::with_tables(scene, folder)?;

@@ -186,3 +186,80 @@ fn no_triangle(near: &Near<'_>, list: &[(f64, u32)]) -> Listed {
         end: list.len(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Result;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    fn octahedron() -> Result<Surface> {
+        let corners = [0, 1, 2].map(|a| Vector3::ith(a, 1.0));
+        let corners = corners.iter().flat_map(|c| [*c, -c]).collect();
+        let face = |k: u32| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)];
+        let mut out = Surface::oriented(corners, (0..8).map(face).collect())?;
+        out.prepare(0.3);
+        Ok(out)
+    }
+
+    /// A mover, and a place that it may reach before the next list.
+    fn mover(rng: &mut Pcg64) -> (Mover, Vector3<f64>) {
+        let mut vector = || Vector3::from_fn(|_, _| 2.0 * rng.random::<f64>() - 1.0);
+        let (centre, step) = (vector(), vector());
+        let travel = 0.06 * rng.random::<f64>();
+        let mover = Mover {
+            centre,
+            radius: 0.15,
+            travel,
+        };
+        (mover, centre + 0.57 * travel * step)
+    }
+
+    #[test]
+    fn listed_walls_are_those_of_the_full_search() {
+        let surface = octahedron().expect("octahedron");
+        let mut rng = Pcg64::seed_from_u64(1);
+        let (mut free, mut near) = (0, 0);
+        for _ in 0..20_000 {
+            let (mover, x) = mover(&mut rng);
+            let (mut list, mut expected, mut walls) = (Vec::new(), Vec::new(), Vec::new());
+            surface.walls(&x, mover.radius, |gap, n| expected.push((gap, n)));
+            match surface.list_walls(&mover, &mut list) {
+                Listing::Free(_) => free += 1,
+                Listing::Near(listed) => {
+                    near += usize::from(!expected.is_empty());
+                    surface.walls_listed(&x, mover.radius, (&listed, &list), |gap, n| walls.push((gap, n)));
+                }
+            }
+            assert_eq!(walls, expected, "{mover:?}, {x}");
+        }
+        assert!(free > 2_000 && near > 2_000, "{free} {near}");
+    }
+
+    #[test]
+    fn a_listed_border_pushes_back_like_the_full_search() {
+        let corners: Vec<_> = octahedron().expect("octahedron").vertices().to_vec();
+        let face = |k: usize| [corners[0], corners[2 + k], corners[4]];
+        let (margin, radius) = (0.5, 0.15);
+        let border = Surface::open(&[face(0), face(1)], margin + 1.5 * radius);
+        let mut rng = Pcg64::seed_from_u64(2);
+        let (mut free, mut near) = (0, 0);
+        for _ in 0..20_000 {
+            let (mover, x) = mover(&mut rng);
+            let counts = |g: &(f64, Vector3<f64>)| g.0 < 0.0 && margin + g.0 < radius;
+            let expected = border.nearest(&x, margin + radius).filter(counts);
+            let mut list = Vec::new();
+            let found = match border.list_margin(&mover, margin, &mut list) {
+                Listing::Free(_) => {
+                    free += 1;
+                    None
+                }
+                Listing::Near(listed) => border.nearest_listed(&x, margin + radius, (&listed, &list)),
+            };
+            near += usize::from(expected.is_some());
+            assert_eq!(found.filter(counts), expected, "{mover:?}, {x}");
+        }
+        assert!(free > 2_000 && near > 500, "{free} {near}");
+    }
+}

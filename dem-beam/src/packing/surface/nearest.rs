@@ -52,14 +52,13 @@ impl Surface {
     /// Returns the nearest point on given triangles; `None` without triangles.
     #[inline]
     pub(super) fn foot(&self, x: &Vector3<f64>, near: &Near<'_>) -> Option<Foot> {
+        let bound = self.bound(x, near);
         let (mut best, mut steep, mut out) = (f64::INFINITY, 0.0, None);
         for &(distance, t) in near.triangles {
-            // Equally near triangles must be compared below, hence a little more.
-            let limit_of_ties = best * (1.0 + 1e-6);
-            if distance - near.off > limit_of_ties {
+            if distance - near.off > bound {
                 break;
             }
-            if self.is_beyond(x, t, limit_of_ties) {
+            if self.is_beyond(x, t, bound) {
                 continue;
             }
             let point = self.closest(x, t);
@@ -89,6 +88,25 @@ impl Surface {
             }
         }
         out
+    }
+
+    /// Returns an upper bound of the distance from `x` to the nearest of given triangles \[m\]: the distance
+    /// to the nearest centroid, and a little more, because equally near triangles must be compared.
+    #[inline]
+    fn bound(&self, x: &Vector3<f64>, near: &Near<'_>) -> f64 {
+        let (mut least, mut bound) = (f64::INFINITY, f64::INFINITY);
+        for &(distance, t) in near.triangles {
+            if distance - near.off > bound {
+                break;
+            }
+            let [a, b, c, _] = self.balls[t as usize];
+            let squared = (x - Vector3::new(a, b, c)).norm_squared();
+            if squared < least && self.normals[t as usize] != Vector3::zeros() {
+                least = squared;
+                bound = squared.sqrt() * (1.0 + 1e-6);
+            }
+        }
+        bound
     }
 
     /// Returns whether the bounding ball of triangle `t` is farther than `reach` from `x`.

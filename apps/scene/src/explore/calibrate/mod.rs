@@ -296,7 +296,9 @@ fn uniform(results: &TestResults, out: &mut Calibration) {
 
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
     let recipes = sample.recipes.iter().map(|r| &r.1);
-    with_progress(recipes, "packings", progress, |r| r.clone().packing(&sample.key))
+    with_progress(recipes, "packings", progress, |r| {
+        r.clone().packing(&sample.key, &mut |_| ())
+    })
 }
 
 fn test(

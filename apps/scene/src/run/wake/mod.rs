@@ -34,7 +34,11 @@ pub(crate) struct Asleep {
 }
 
 /// Prepares the sleeping scene. Also builds the full scene, so that its errors show before the first step.
-pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) -> Result<(Asleep, Built)> {
+pub(crate) fn prepare(
+    scene: &Scene,
+    wake: &Wake,
+    report: &mut dyn FnMut(&str, usize, usize),
+) -> Result<(Asleep, Built)> {
     let asleep = sleep::scene(scene, wake)?;
     let awake = build(scene, None, report)?;
     let spec = asleep.spec();
@@ -52,7 +56,11 @@ pub(crate) fn prepare(scene: &Scene, wake: &Wake, report: &mut dyn FnMut(&str)) 
 }
 
 /// Builds a scene at its start, or from the state in which a model woke. The models are whole on every rank.
-pub(super) fn build(scene: &Scene, start: Option<&Start>, report: &mut dyn FnMut(&str)) -> Result<Built> {
+pub(super) fn build(
+    scene: &Scene,
+    start: Option<&Start>,
+    report: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Built> {
     setup::build_from(scene.spec(), scene.folder(), start, &Ranks::default(), report)
 }
 
@@ -108,7 +116,7 @@ pub(crate) fn run(
     let begin = Instant::now();
     // Builds the full scene before files are moved: if this fails, the results so far are complete.
     let next = asleep.hand_over.start(session.coupled());
-    let next = next.and_then(|s| Ok((build(scene, Some(&s), &mut |_| ())?, s)));
+    let next = next.and_then(|s| Ok((build(scene, Some(&s), &mut |_, _, _| ())?, s)));
     let (built, start) = match next {
         Ok(next) => next,
         Err(e) => return session.conclude(Err(e), Some(report), observer),

@@ -180,7 +180,8 @@ impl Kind for Dem {
         clock.begin(format!("packing of '{name}'"));
         grains::check_loose(key, table, effects)?;
         let filling = Filling::from_table(key, table, folder)?;
-        let built = Recipe::from_table(key, table, folder, &filling)?.packing(key);
+        let recipe = Recipe::from_table(key, table, folder, &filling)?;
+        let built = recipe.packing(key, &mut |share| clock.progress(share));
         let mut packing = built.map_err(|e| too_large(key, table, e))?;
         clock.begin(format!("model of '{name}'"));
         packing.positions.iter_mut().for_each(|x| *x += filling.shift);
