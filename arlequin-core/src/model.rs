@@ -220,8 +220,8 @@ pub trait Model<T: Real>: Send {
     }
 
     /// Restricts the model to the part that the rank of `communicator` owns, and returns the displacement
-    /// field on the nodes of the part. The run calls it before the first step and after the weights are set; until
-    /// then the model is the same on every rank. Collective.
+    /// field on the nodes of the part. The run calls it before the first step and after the weights are
+    /// set; until then the model is the same on every rank. Collective.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a model that cannot be partitioned, which is the default; errors of the

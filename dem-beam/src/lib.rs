@@ -38,7 +38,8 @@
 //! Left out: the motion of periodic bodies. Gravity and dampings are effects of the core. Results are
 //! bit-identical for any number of threads on one machine; between instruction sets the last bits may differ.
 //!
-//! Features, both on by default: `stl` reads surfaces from STL files, `vtu` reads VTU files and spheres from them.
+//! Features, both on by default: `stl` reads surfaces from STL files, `vtu` reads VTU files and spheres
+//! from them.
 
 pub mod bond;
 pub mod calibrate;

@@ -322,8 +322,8 @@ fn refuse_few_across(container: &Container, count: usize, start: f64) -> Result<
 
 /// Smallest width of a body, in mean diameters, for which spheres are grown at all.
 const LEAST_ACROSS: f64 = 1.5;
-/// Usual numbers of relaxation steps, to estimate progress: 2 000 to 20 000 spheres need 2 200 to 5 100 steps,
-/// a quench 970 to 1 600.
+/// Usual numbers of relaxation steps, to estimate progress: 2 000 to 20 000 spheres need 2 200 to 5 100
+/// steps, a quench 970 to 1 600.
 const USUAL_STEPS: f64 = 3500.0;
 const USUAL_QUENCH_STEPS: f64 = 1400.0;
 /// Volume fraction of the random start.

@@ -94,7 +94,8 @@ pub struct LoadStep {
 pub struct OverlapBreak {
     /// Name of the model.
     pub model: String,
-    /// Time of the broken bond with which the breaks in overlaps became a crack \[s\], see [`CRACK`](arlequin::dem_beam::fracture::CRACK).
+    /// Time of the broken bond with which the breaks in overlaps became a crack \[s\], see
+    /// [`CRACK`](arlequin::dem_beam::fracture::CRACK).
     pub time: f64,
     /// Position of that bond \[m\].
     pub place: [f64; 3],

@@ -103,8 +103,8 @@ pub(super) fn shell(
     })
 }
 
-/// Returns the speed of shear waves \[m/s\]: they carry most of what spreads from a small region, and lattices
-/// disperse them more than axial waves.
+/// Returns the speed of shear waves \[m/s\]: they carry most of what spreads from a small region, and
+/// lattices disperse them more than axial waves.
 fn shear_speed(base: &Scenario, coarse: &ModelTable) -> f64 {
     base.speed / (2.0 * (1.0 + coarse.material.poisson.unwrap_or(0.0))).sqrt()
 }
@@ -273,8 +273,8 @@ mod tests {
         );
     }
 
-    /// Nodes on a line at distances of one spacing: the overlap as given is one, and the fine model grows with
-    /// the mass of the coarse one that it covers.
+    /// Nodes on a line at distances of one spacing: the overlap as given is one, and the fine model grows
+    /// with the mass of the coarse one that it covers.
     #[test]
     fn a_wider_overlap_has_the_mass_that_lies_in_it() {
         let around = Around {
