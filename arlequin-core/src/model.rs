@@ -214,7 +214,7 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// What the model offers besides forces. The default offers nothing.
+    /// Returns the views that the model offers besides forces. The default offers nothing.
     fn views(&self) -> Views<'_, T> {
         Views::default()
     }
@@ -263,7 +263,7 @@ pub trait Model<T: Real>: Send {
     }
 }
 
-/// What a model offers besides forces ([`Model::views`]), for probes, output and methods for linear models.
+/// Views that a model offers besides forces ([`Model::views`]), for probes, output and methods for linear models.
 /// Every field is optional.
 #[derive(Clone, Copy)]
 #[non_exhaustive]

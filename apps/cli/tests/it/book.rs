@@ -213,7 +213,7 @@ fn the_commands_of_the_page_on_calibration_run() {
     run_pages("calibration", 1);
 }
 
-/// What a page says in its blocks, in order.
+/// Commands and output of a page, in the order of its blocks.
 enum Step {
     /// A command, with its program.
     Command(String),

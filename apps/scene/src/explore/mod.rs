@@ -1,4 +1,4 @@
-//! What is asked about scenes by running them: sweeps, suggestions, calibrations, comparisons and previews.
+//! Questions that are answered by running scenes: sweeps, suggestions, calibrations, comparisons and previews.
 
 pub mod calibrate;
 pub mod effects;

@@ -1,4 +1,4 @@
-//! What a run tells while it goes on, and what it returns.
+//! News of a run while it goes on, and its results.
 
 use super::checkpoint::Checkpoint;
 use crate::error::Result;

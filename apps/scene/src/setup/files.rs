@@ -5,7 +5,7 @@ use arlequin::dem_beam::Surface;
 use std::ffi::OsStr;
 use std::path::Path;
 
-/// What a file in `shape` holds.
+/// Content of a file in `shape`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ShapeFile {
     /// A closed surface, as STL.

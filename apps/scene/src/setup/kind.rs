@@ -1,4 +1,4 @@
-//! What a kind of model is: the rules of its table, its body, and what it can bear.
+//! Kinds of models: the rules of a kind's table, its body, and the uses that it refuses.
 
 use super::body::Body;
 use super::clock::SetupClock;
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::spec::{Effect, Load, ModelTable, SceneSpec, Shape};
 use std::path::Path;
 
-/// What a kind checks, and builds a body from.
+/// Input that a kind checks, and builds a body from.
 #[derive(Clone, Copy)]
 pub(crate) struct Order<'a> {
     /// Name of the model.

@@ -12,7 +12,7 @@ use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
-/// What the checks of a scene prepare for its set-up.
+/// Requests that the checks of a scene prepare for its set-up.
 pub(super) struct Checked<'a> {
     /// Effects on each model, with their numbers in the scene.
     pub effects: Vec<Vec<(usize, &'a Effect)>>,

@@ -160,7 +160,7 @@ pub enum Quantity {
     EnergyRelease,
 }
 
-/// What the value of a quantity is computed from.
+/// Source from which the value of a quantity is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reading {
     /// Displacements of nodes.
