@@ -23,7 +23,7 @@ pub struct Surface {
     normals: Vec<Vector3<f64>>,
     volume: f64,
     bounds: (Vector3<f64>, Vector3<f64>),
-    grid: Grid,
+    grid: Box<Grid>,
 }
 
 impl Surface {
@@ -78,7 +78,7 @@ impl Surface {
             triangles,
             volume,
             bounds: (low, high),
-            grid: Grid::default(),
+            grid: Box::default(),
         };
         out.prepare((high - low).min() / 20.0);
         Ok(out)
@@ -102,7 +102,7 @@ impl Surface {
             triangles,
             volume: 0.0,
             bounds: (low, high),
-            grid: Grid::default(),
+            grid: Box::default(),
         };
         out.prepare(reach);
         out

@@ -122,7 +122,7 @@ impl Surface {
                 None => self.winding(&middle) > 0.5,
             };
         }
-        self.grid = grid;
+        *self.grid = grid;
     }
 
     pub(super) fn winding(&self, x: &Vector3<f64>) -> f64 {
