@@ -16,16 +16,16 @@ pub(super) fn side_warnings<T: Real>(
     let mut out = Vec::new();
     let nodes = report.multipliers / components;
     let [coarse, fine] = report.coupled_nodes;
-    // Below the finer model's nodes a finer mediator does no harm (hard-cases.md); above, jumps that neither
-    // model can carry are forced to zero.
-    let finer = coarse.max(fine);
-    if nodes > finer {
+    // Between the two models a finer mediator does no harm (hard-cases.md). One as fine as the finer model
+    // forces jumps to zero that the coarser model cannot follow.
+    let (coarser, finer) = (coarse.min(fine), coarse.max(fine));
+    if nodes >= finer && nodes > coarser {
         out.push(format!(
-            "the mediator ({nodes} nodes) is finer than both models in the overlap ({coarse} coarse, {fine} fine nodes): long waves \
-             will be reflected; use h_B ≥ {:.3e} m",
+            "the mediator ({nodes} nodes) is as fine as the finer model in the overlap ({coarse} coarse, {fine} fine nodes), or \
+             finer: long waves will be reflected; use h_B ≥ {:.3e} m",
             // The number of nodes goes with the inverse spacing to the power of the dimension, which is the
             // number of components (a line has 1, a solid 3).
-            spec.mediator.spacing().as_f64() * (nodes as f64 / finer as f64).powf(1.0 / components as f64),
+            spec.mediator.spacing().as_f64() * (nodes as f64 / coarser as f64).powf(1.0 / components as f64),
         ));
     }
     let warp = (sides.iter().map(|s| s.field.warp())).fold(spec.mediator.warp(), |m, w| m.max(w));
