@@ -263,8 +263,8 @@ pub trait Model<T: Real>: Send {
     }
 }
 
-/// Views that a model offers besides forces ([`Model::views`]), for probes, output and methods for linear models.
-/// Every field is optional.
+/// Views that a model offers besides forces ([`Model::views`]), for probes, output and methods for linear
+/// models. Every field is optional.
 #[derive(Clone, Copy)]
 #[non_exhaustive]
 pub struct Views<'a, T: Real> {

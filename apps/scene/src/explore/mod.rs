@@ -1,4 +1,5 @@
-//! Questions that are answered by running scenes: sweeps, suggestions, calibrations, comparisons and previews.
+//! Questions that are answered by running scenes: sweeps, suggestions, calibrations, comparisons and
+//! previews.
 
 pub mod calibrate;
 pub mod effects;
