@@ -210,12 +210,12 @@ impl Scene {
         &self.spec
     }
 
-    /// Returns the scene with other ranks.
+    /// Returns the scene, to be run by these ranks together.
     pub(crate) fn with_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }
     }
 
-    /// Returns a copy of the scene with other tables.
+    /// Returns a copy of the scene whose tables are those of `spec`.
     pub(crate) fn with_spec(&self, spec: SceneSpec) -> Self {
         Self { spec, ..self.clone() }
     }

@@ -15,7 +15,7 @@ pub(crate) type NearWalls = [Option<Listed>; 2];
 /// Walls near [`CHUNK`] consecutive spheres.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct WallChunk {
-    /// Spheres that a wall may reach, by their place in the chunk.
+    /// Spheres near enough to a wall to touch it soon, by their index in the chunk.
     spheres: Vec<(u32, NearWalls)>,
     list: Vec<(f64, u32)>,
 }

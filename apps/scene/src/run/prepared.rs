@@ -38,7 +38,8 @@ impl Scene {
     }
 
     /// Prepares the scene like [`Self::prepare`]; calls `announce` with the name of each phase of the set-up
-    /// as it begins.
+    /// as it begins, and two zeros. While spheres are packed, it is called again with the name of the phase,
+    /// the percentage done and 100.
     ///
     /// # Errors
     /// See [`Self::prepare`].
