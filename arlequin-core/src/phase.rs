@@ -14,6 +14,8 @@ pub enum Phase {
     Pair(usize),
     /// Multiplier solve and correction.
     Interface,
+    /// Equilibrium of a load step, see [`crate::Coupled::settle`]; announced by the caller.
+    Equilibrium,
     /// Energy ledger.
     Ledger,
     /// Observers.

@@ -41,6 +41,7 @@ impl Template {
             Self::Impact => &[("scene.toml", include_str!("../templates/impact.toml"))],
             Self::Plate => &[
                 ("scene.toml", include_str!("../templates/plate.toml")),
+                ("zone.toml", include_str!("../templates/plate-zone.toml")),
                 ("plate.msh", include_str!("../templates/plate.msh")),
                 ("plate.geo", include_str!("../templates/plate.geo")),
             ],

@@ -29,7 +29,8 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     let w = &s.wall_seconds;
     entry!(
         "time",
-        "set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
+        "{:.2} s: set-up {:.2} s, steps {:.2} s, output {:.2} s, {} threads",
+        w.total,
         w.setup,
         w.stepping,
         w.output,

@@ -15,10 +15,10 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
         let mark = if r.pareto { "*" } else { " " };
         match r.status {
             "complete" => println!(
-                "{mark} {:<44} {:>8} unknowns, set-up {:>8}, steps {:>8}, error u {:>8}, v {:>8}",
+                "{mark} {:<44} {:>8} unknowns, total {:>8}, steps {:>8}, error u {:>8}, v {:>8}",
                 r.label,
                 r.unknowns.unwrap_or_default(),
-                time(r.seconds.setup),
+                time(r.seconds.total),
                 time(r.seconds.stepping),
                 error(r.errors.displacement),
                 error(r.errors.velocity),
@@ -82,6 +82,7 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
         "unknowns",
         "steps",
         "dt [s]",
+        "total [s]",
         "set-up [s]",
         "stepping [s]",
         "output [s]",
@@ -118,7 +119,8 @@ fn csv(path: &Path, s: &Sweep) -> Result<()> {
         let cell = |p: &&String| quoted(r.parameters.get(*p).map_or("", String::as_str));
         row.extend(parameters.iter().map(cell));
         row.extend([count(r.unknowns), count(r.steps), number(r.dt)]);
-        row.extend([r.seconds.setup, r.seconds.stepping, r.seconds.output].map(number));
+        let w = &r.seconds;
+        row.extend([w.total, w.setup, w.stepping, w.output].map(number));
         row.extend(PHASES.map(|p| number(r.seconds.per_step.get(p).copied())));
         row.extend([
             count(r.peak_bytes),

@@ -23,7 +23,7 @@ const META: &str = "<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\
 <link rel=\"icon\" href=\"data:,\"/>\n";
 
 /// Number of columns in the table of runs that a phone has room for: name, errors, times.
-const SHOWN: usize = 5;
+const SHOWN: usize = 6;
 
 /// Returns the whole page. `pictures` and `narrow` hold the same pictures by name, for wide and for narrow
 /// screens.
@@ -129,7 +129,11 @@ fn run_table(s: &Sweep) -> Markup {
     let mut back: Vec<&String> = s.runs.iter().flat_map(|r| r.reflected_energy.keys()).collect();
     back.sort();
     back.dedup();
-    let mut heads = vec!["run".to_owned(), "error, displace\u{ad}ment".to_owned()];
+    let mut heads = vec![
+        "run".to_owned(),
+        "total".to_owned(),
+        "error, displace\u{ad}ment".to_owned(),
+    ];
     heads.extend(["error, velocity", "set-up", "stepping", "unknowns", "steps"].map(str::to_owned));
     heads.extend(phases.iter().map(|p| format!("{p} per step")));
     heads.push("peak memory".to_owned());
@@ -172,7 +176,8 @@ fn cells(r: &Run, phases: &[&str], back: &[&String]) -> Vec<String> {
     let small = |x: Option<f64>| x.map_or_else(dash, |x| format!("{x:.1e}"));
     let count = |x: Option<u64>| x.map_or_else(dash, |x| x.to_string());
     let memory = |b: u64| format!("{:.0} MB", b as f64 / 1e6);
-    let mut out = [r.errors.displacement, r.errors.velocity].map(share).to_vec();
+    let mut out = vec![time(r.seconds.total)];
+    out.extend([r.errors.displacement, r.errors.velocity].map(share));
     out.extend([r.seconds.setup, r.seconds.stepping].map(time));
     out.extend([r.unknowns, r.steps].map(count));
     out.extend(phases.iter().map(|p| time(r.seconds.per_step.get(*p).copied())));

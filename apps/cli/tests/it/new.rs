@@ -62,6 +62,11 @@ fn the_plate_has_the_stress_of_howland_at_its_hole() {
     );
     assert!((last("held") / -2500.0 - 1.0).abs() < 1e-10, "{}", last("held"));
     assert!((last("far") / 100e6 - 1.0).abs() < 1e-3, "{}", last("far"));
+    // The equilibrium is the work of this run, so that its time belongs to the steps.
+    let seconds = |key: &str| s["wall_seconds"][key].as_f64().expect("seconds");
+    let [total, setup, stepping] = ["total", "setup", "stepping"].map(seconds);
+    assert!(stepping > 0.0, "{stepping}");
+    assert!(total >= setup + stepping, "{total} s, {setup} s + {stepping} s");
 }
 
 fn broken(out: &Path) -> f64 {

@@ -183,6 +183,8 @@ pub struct ModelLine {
 /// Wall time by activity \[s\].
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct WallSeconds {
+    /// Time from the begin of the set-up until this summary.
+    pub total: f64,
     /// Time of reading, meshing, factoring.
     pub setup: f64,
     /// Phases of `setup`, in order.

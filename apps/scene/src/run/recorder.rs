@@ -68,6 +68,7 @@ impl PhaseClock {
                 format!("effect/{}", line.map_or("?", |e| &e.name))
             }
             Phase::Interface => "interface".to_owned(),
+            Phase::Equilibrium => "equilibrium".to_owned(),
             Phase::Ledger => "ledger".to_owned(),
             Phase::Observe => "observe".to_owned(),
             _ => "other".to_owned(),

@@ -19,6 +19,7 @@ use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// A run with its recorders.
 #[derive(Debug)]
@@ -33,6 +34,8 @@ pub(crate) struct Session<'a> {
     pub(super) clock: PhaseClock,
     pub(super) keep: Option<Keep>,
     pub(super) setup: f64,
+    /// End of the set-up.
+    pub(super) begin: Instant,
     pub(super) resumed_at: Option<usize>,
     /// Progress of a scene with `[wake]`, for checkpoints.
     pub(crate) stage: Option<Stage>,
@@ -58,6 +61,7 @@ impl<'a> Session<'a> {
         setup: f64,
         saved: Option<Checkpoint>,
     ) -> Result<Self> {
+        let begin = Instant::now();
         let settings = &scene.spec().output;
         let ranks = scene.ranks();
         let in_parts = |s: &Subdomain<f64>| s.owned().is_part();
@@ -125,6 +129,7 @@ impl<'a> Session<'a> {
             clock: PhaseClock::new(),
             keep,
             setup,
+            begin,
             resumed_at: None,
             stage: None,
             breaks,

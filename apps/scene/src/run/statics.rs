@@ -6,7 +6,7 @@ use crate::error::{Result, core};
 use crate::output::fragments;
 use crate::output::summary::LoadStep;
 use crate::setup::LoadSteps;
-use arlequin::core::{Error as Failure, Settled};
+use arlequin::core::{Error as Failure, Phase, Settled};
 
 impl LoadStep {
     fn new(time: f64, s: &Settled<f64>) -> Self {
@@ -43,7 +43,9 @@ impl Session<'_> {
         for made in self.run.steps()..steps.times.len() {
             let from = made.checked_sub(1).map_or(0.0, |k| steps.times[k]);
             let time = steps.times[made];
+            self.clock.enter(Some(Phase::Equilibrium));
             let settled = self.run.settle(from, time, &steps.relaxation);
+            self.clock.enter(Some(Phase::Observe));
             let settled = settled.map_err(|e| core("static")(self.with_loose_fragment(e)))?;
             self.recorder.load_steps.push(LoadStep::new(time, &settled));
             self.recorder.observe(&mut self.run, None)?;

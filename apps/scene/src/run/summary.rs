@@ -63,6 +63,7 @@ impl Session<'_> {
             time: run.time(),
             frames: r.frames.as_ref().map_or(0, |f| f.count()),
             wall_seconds: WallSeconds {
+                total: self.setup + self.begin.elapsed().as_secs_f64(),
                 setup: self.setup,
                 setup_phases: self.phases.clone(),
                 stepping,

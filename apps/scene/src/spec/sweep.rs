@@ -108,7 +108,7 @@ impl Judge {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cost {
-    /// Set-up and stepping, without output: the time that a user waits.
+    /// Set-up, steps and output: the time that a user waits.
     #[default]
     Total,
     /// Stepping only, which dominates long runs.
@@ -119,7 +119,7 @@ impl Cost {
     /// Returns the name in words.
     pub fn words(self) -> &'static str {
         match self {
-            Self::Total => "set-up and stepping",
+            Self::Total => "set-up, steps and output",
             Self::Stepping => "stepping",
         }
     }

@@ -88,6 +88,8 @@ fn measured(summary: &Value, m: &Measure) -> Option<f64> {
 /// Wall times of a run \[s\].
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Seconds {
+    /// The whole run: set-up, steps and output.
+    pub total: Option<f64>,
     /// Reading, meshing, factoring.
     pub setup: Option<f64>,
     /// All steps.
@@ -135,6 +137,7 @@ impl Run {
             .iter()
             .filter_map(|i| i["condition"].as_f64())
             .reduce(f64::max);
+        self.seconds.total = number("/wall_seconds/total");
         self.seconds.setup = number("/wall_seconds/setup");
         self.seconds.stepping = number("/wall_seconds/stepping");
         self.seconds.output = number("/wall_seconds/output");
@@ -162,10 +165,9 @@ impl Run {
             // The larger of the known errors.
             Judge::Both => [displacement, velocity].into_iter().flatten().reduce(f64::max),
         };
-        self.cost = match (file.cost, self.seconds.setup, self.seconds.stepping) {
-            (Cost::Total, Some(a), Some(b)) => Some(a + b),
-            (Cost::Stepping, _, b) => b,
-            _ => None,
+        self.cost = match file.cost {
+            Cost::Total => self.seconds.total,
+            Cost::Stepping => self.seconds.stepping,
         };
     }
 
