@@ -15,6 +15,7 @@ mod near;
 mod nesting;
 mod orient;
 pub mod parts;
+mod profile;
 pub mod protocol;
 pub(crate) mod relax;
 pub mod report;

@@ -17,6 +17,7 @@ use super::bonding::bond_and_trim;
 use super::cells::{Sphere, centre};
 use super::container::Container;
 use super::narrow;
+use super::profile::Profile;
 use super::relax::{Relaxed, SoftSpheres};
 use super::size::{JAMMED, SPREAD};
 use crate::error::{Error, Result, positive};
@@ -25,7 +26,6 @@ use crate::particles::MAX_RADIUS_RATIO;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use rayon::prelude::*;
 
 /// Method that brings the spheres together.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -224,7 +224,7 @@ impl PackingSpec {
         }
         container.prepare(1.5 * largest);
         let axis = (high - low).imax();
-        let profile = Profile::new(container, axis);
+        let profile = Profile::new(container, axis, unit);
         let mut spheres: Vec<Sphere> = Vec::with_capacity(count);
         for (i, r) in radii.into_iter().enumerate() {
             // Stratified: one sphere in each of `count` slabs of equal volume.
@@ -390,12 +390,14 @@ fn grow(
     let mut phi = START_FRACTION;
     let mut steps = 0;
     let mut last: Option<(f64, f64)> = None;
+    let mut overlap = 0.0;
     // 25 growth steps of 0.01 reach 0.75, above any random packing; the others are for corrections.
     for _ in 0..60 {
         let (done, flowing) = glance(soft, max_steps, wanted, last.is_none());
         soft.check_interrupt()?;
         steps += done.steps;
         let m = done.overlap;
+        overlap = m;
         if !flowing && m <= wanted * NEAR && m >= wanted / NEAR {
             return Ok((m, steps));
         }
@@ -421,74 +423,9 @@ fn grow(
         set_fraction(soft, volume, next);
         phi = next;
     }
-    let overlap = soft.relax(0, 0.0, 0.0).overlap;
     Err(Error::NotJammed {
         steps,
         overlap,
         wanted,
     })
-}
-
-/// Cumulative volume along one axis, for sampling slabs of equal volume.
-struct Profile {
-    low: f64,
-    slab: f64,
-    /// Width over which a sample is spread \[m\]: the section is known per slab only.
-    blur: f64,
-    cumulative: Vec<f64>,
-}
-
-impl Profile {
-    fn new(container: &Container, axis: usize) -> Self {
-        let (low, high) = container.bounds();
-        let extent = high[axis] - low[axis];
-        if !matches!(container, Container::Surface(_) | Container::Around(_)) {
-            // Boxes, and cylinders along their longest axis, have a constant section. A flat cylinder has
-            // not, but it is thin and sampled along a diameter.
-            return Self {
-                low: low[axis],
-                slab: extent,
-                blur: 0.0,
-                cumulative: vec![0.0, 1.0],
-            };
-        }
-        let (slabs, side) = (128, 24);
-        let slab = extent / f64::from(slabs);
-        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-        let is_inside = |s: i32, k: i32| {
-            let middle =
-                |a: usize, i: i32| low[a] + (high[a] - low[a]) * (f64::from(i) + 0.5) / f64::from(side);
-            let mut x = Vector3::zeros();
-            x[axis] = low[axis] + slab * (f64::from(s) + 0.5);
-            x[b] = middle(b, k % side);
-            x[c] = middle(c, k / side);
-            container.contains(&x)
-        };
-        let section = |s: i32| (0..side * side).filter(|&k| is_inside(s, k)).count();
-        let sections: Vec<usize> = (0..slabs).into_par_iter().map(section).collect();
-        let mut cumulative = vec![0.0];
-        let mut total = 0.0;
-        for points in sections {
-            total += points as f64;
-            cumulative.push(total);
-        }
-        cumulative.iter_mut().for_each(|c| *c /= total.max(1.0));
-        Self {
-            low: low[axis],
-            slab,
-            blur: slab,
-            cumulative,
-        }
-    }
-
-    /// Returns the coordinate below which the fraction `q` of the volume lies.
-    fn quantile(&self, q: f64) -> f64 {
-        let k = self
-            .cumulative
-            .partition_point(|c| *c <= q)
-            .clamp(1, self.cumulative.len() - 1);
-        let (a, b) = (self.cumulative[k - 1], self.cumulative[k]);
-        let t = if b > a { (q - a) / (b - a) } else { 0.5 };
-        self.low + self.slab * (k as f64 - 1.0 + t)
-    }
 }

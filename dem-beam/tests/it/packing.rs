@@ -317,3 +317,59 @@ fn density_waves_and_targets_out_of_reach_have_names() {
         "{refused:?}"
     );
 }
+
+/// Two arms of 50 mm by 1 mm by 3 mm, whose bounding box is fifty times as wide as they are: both are filled,
+/// although no point of a coarse grid over the box lies in the arm along its edge.
+#[test]
+fn thin_arms_of_an_angle_are_filled_alike() {
+    let (long, thin, deep) = (50e-3, 1e-3, 3e-3);
+    let outline = [
+        [0.0, 0.0],
+        [long, 0.0],
+        [long, thin],
+        [thin, thin],
+        [thin, long],
+        [0.0, long],
+    ];
+    let points = [0.0, deep].into_iter();
+    let points: Vec<_> = points
+        .flat_map(|z| outline.map(|[x, y]| Vector3::new(x, y, z)))
+        .collect();
+    let mut triangles = Vec::new();
+    for [a, b, c, d] in [[0, 1, 2, 3], [0, 3, 4, 5]] {
+        triangles.extend([[a, c, b], [a, d, c]]);
+        triangles.extend([[a + 6, b + 6, c + 6], [a + 6, c + 6, d + 6]]);
+    }
+    for k in 0..6 {
+        let l = (k + 1) % 6;
+        triangles.extend([[k, l, l + 6], [k, l + 6, k + 6]]);
+    }
+    // A turned body has its arms along other axes.
+    for turn in [0, 1] {
+        let turned = points.iter().map(|x| match turn {
+            0 => *x,
+            _ => Vector3::new(x.z, x.x, x.y),
+        });
+        let surface = Surface::new(turned.collect(), triangles.clone()).unwrap();
+        let packing = PackingSpec::quench(Container::Surface(surface), 3500, 7)
+            .build()
+            .unwrap();
+        let along = |x: &Vector3<f64>| match turn {
+            0 => [x.x, x.y],
+            _ => [x.y, x.z],
+        };
+        let beyond = |k: usize| packing.positions.iter().filter(|x| along(x)[k] > 0.1 * long);
+        let arms = [0, 1].map(|k| beyond(k).count() as f64);
+        assert!((arms[0] / arms[1] - 1.0).abs() < 0.05, "{arms:?}");
+        for k in [0, 1] {
+            let count = |t: u32| {
+                let low = 0.1 * long * f64::from(t);
+                let within = |x: &&Vector3<f64>| along(x)[k] > low && along(x)[k] <= low + 0.1 * long;
+                packing.positions.iter().filter(within).count() as f64
+            };
+            let tenths: Vec<f64> = (1..10).map(count).collect();
+            let mean = tenths.iter().sum::<f64>() / 9.0;
+            assert!(tenths.iter().all(|n| (n / mean - 1.0).abs() < 0.1), "{tenths:?}");
+        }
+    }
+}
