@@ -355,18 +355,12 @@ fn particles_around_the_hole_of_the_first_tutorial() {
     // Larger spheres keep the run within seconds.
     let larger = ["--set", "zone.hole.spacing=0.3e-3"];
     succeed(&[&["check", text(&path)], &larger[..]].concat());
-    // The unchanged probe on the body lies in the zone: the error names the zone before anything is packed.
+    // The unchanged probe on the body lies in the zone, and reads the zone.
     let old = exchanged(
         &scene,
         "[probe.hole]",
-        "[probe.hole]\nmodel = \"body\"\nat = [0.0, 5e-3, 0.5e-3]\ncomponent = \"x\"\n",
+        "[probe.hole]\nmodel = \"body\"\nat = [0.0, 5.3e-3, 0.5e-3]\ncomponent = \"x\"\n",
     );
     std::fs::write(&path, old).expect("writes");
-    let done = crate::common::arlequin(&["check", text(&path)]);
-    let stderr = String::from_utf8_lossy(&done.stderr);
-    assert!(
-        !done.status.success() && stderr.contains("lies in zone 'hole'"),
-        "{stderr}"
-    );
-    assert!(!stderr.contains("packing of"), "{stderr}");
+    succeed(&[&["check", text(&path)], &larger[..]].concat());
 }
