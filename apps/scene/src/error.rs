@@ -14,6 +14,19 @@ pub enum Error {
         /// Error of the system.
         source: std::io::Error,
     },
+    /// A file that should be text is not.
+    #[error(
+        "'{}' line {line}: byte 0x{byte:02X} is no UTF-8 text; save the file as UTF-8 (Latin-1 has such bytes), or name a text file",
+        path.display()
+    )]
+    NotText {
+        /// Path of the file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// First byte that is no text.
+        byte: u8,
+    },
     /// A file or folder cannot be written.
     #[error("cannot write '{}': {source}; check permissions and space, or choose another --out", path.display())]
     Write {
@@ -172,6 +185,9 @@ pub enum Error {
     Observer(Box<dyn std::error::Error + Send + Sync>),
 }
 
+/// Number of signs up to which a number is written without an exponent.
+const PLAIN: usize = 8;
+
 /// Result with an [`Error`] of this crate.
 pub type Result<V, E = Error> = std::result::Result<V, E>;
 
@@ -293,8 +309,16 @@ impl Error {
 pub fn value(key: impl Into<String>, value: impl std::fmt::Display, rule: &str) -> Error {
     Error::Value {
         key: key.into(),
-        value: value.to_string(),
+        value: short(value.to_string()),
         rule: rule.to_owned(),
+    }
+}
+
+/// Writes a number with an exponent if that is shorter: 1e300 has 301 digits otherwise.
+fn short(text: String) -> String {
+    match text.parse::<f64>().map(|x| format!("{x:e}")) {
+        Ok(exponential) if exponential.len() < text.len() && text.len() > PLAIN => exponential,
+        _ => text,
     }
 }
 

@@ -38,11 +38,7 @@ impl Source {
     /// A file that cannot be read.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        Ok(Self::new(path, text))
+        Ok(Self::new(path, setup::text(path)?))
     }
 
     /// Byte range of the deepest part of a key path that the text contains; `None` if it contains no part.
@@ -196,13 +192,32 @@ impl Scene {
         };
         assign(&mut self.table, path, parse_value(value)).map_err(bad)?;
         plausible("", &self.table)?;
+        self.read_table(bad)?;
+        self.changes.push(format!("{path}={value}"));
+        Ok(())
+    }
+
+    fn read_table(&mut self, bad: impl FnOnce(String) -> Error) -> Result<()> {
         // Reads the changed scene from text again: a second way to read all tables would take a tenth of this
         // crate's code.
         let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
         self.spec = lowered(spec)?;
-        self.changes.push(format!("{path}={value}"));
         Ok(())
+    }
+
+    /// Removes a key, such as `interface.joint.weight.value`, if it is there; [`Self::changes`] does not list
+    /// it.
+    pub(crate) fn without(mut self, path: &str) -> Result<Self> {
+        let (head, last) = path.rsplit_once('.').unwrap_or(("", path));
+        let parts = head.split('.').filter(|p| !p.is_empty());
+        let table = parts.fold(Some(&mut self.table), |table, part| {
+            table?.get_mut(part)?.as_table_mut()
+        });
+        if table.and_then(|t| t.remove(last)).is_some() {
+            self.read_table(|message| key(path, message))?;
+        }
+        Ok(self)
     }
 
     /// The tables of the scene, changes included.

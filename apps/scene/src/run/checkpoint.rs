@@ -105,6 +105,12 @@ impl Checkpoint {
                          that is what is missing"
                     .into(),
             },
+            false if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {
+                path: folder.to_owned(),
+                reason: "has no checkpoint.bin to go on from; name the folder of a run that was interrupted, or start its \
+                         scene anew with arlequin run"
+                    .into(),
+            },
             _ => Error::Read {
                 path: path.clone(),
                 source,

@@ -31,6 +31,21 @@ pub(super) fn surface(key: &str, path: &Path, scale: f64) -> Result<Surface> {
     surface.scaled(scale).map_err(dem(key))
 }
 
+/// Reads a text.
+///
+/// # Errors
+/// A file that cannot be read; the first byte that is no UTF-8, with its line.
+pub(crate) fn text(path: &Path) -> Result<String> {
+    String::from_utf8(bytes(path)?).map_err(|e| {
+        let (place, bytes) = (e.utf8_error().valid_up_to(), e.as_bytes());
+        Error::NotText {
+            path: path.to_owned(),
+            line: 1 + bytes[..place].iter().filter(|b| **b == b'\n').count(),
+            byte: bytes.get(place).copied().unwrap_or_default(),
+        }
+    })
+}
+
 pub(super) fn bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|source| Error::Read {
         path: path.to_owned(),

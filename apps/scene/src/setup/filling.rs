@@ -5,6 +5,7 @@ pub use crate::error::dem;
 use super::files::{self, ShapeFile, bytes, is};
 use super::mesh::volume_of;
 use super::packing::Likeness;
+use super::shapes::corners;
 use crate::error::{Error, Result, fem, key, value};
 use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -96,6 +97,19 @@ impl Filling {
                 }
             }
             Shape::File(path) => file(key, table, &folder.join(path)),
+        }
+    }
+}
+
+impl Filling {
+    /// Lowest and highest corner of the body in the scene \[m\], without the margin around a zone.
+    pub(super) fn ends(&self) -> [Vector3<f64>; 2] {
+        match &self.mesh {
+            Some(mesh) => corners(mesh.nodes()),
+            None => {
+                let (low, high) = self.container.bounds();
+                [low + self.shift, high + self.shift]
+            }
         }
     }
 }
@@ -317,13 +331,12 @@ fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Resul
     let t = &table.dem;
     alone(path, table)?;
     let key_path = format!("{path}.dem.file");
-    let content = bytes(file)?;
     let (mut positions, radii) = if is(file, "csv") {
-        read_csv(&mut content.as_slice()).map_err(dem(&key_path))?
+        read_csv(&mut files::text(file)?.as_bytes()).map_err(dem(&key_path))?
     } else if is(file, "vtu") {
-        read_vtu(&content, t.radii.as_deref()).map_err(dem(&key_path))?
+        read_vtu(&bytes(file)?, t.radii.as_deref()).map_err(dem(&key_path))?
     } else if is(file, "pvtu") {
-        let pieces = pieces_of_pvtu(&content).map_err(dem(&key_path))?;
+        let pieces = pieces_of_pvtu(&bytes(file)?).map_err(dem(&key_path))?;
         let pieces = pieces.iter().map(|p| bytes(&file.with_file_name(p)));
         let pieces = pieces.collect::<Result<Vec<_>>>()?;
         read_pieces(&pieces, t.radii.as_deref()).map_err(dem(&key_path))?

@@ -1,5 +1,6 @@
 //! Functions of time, from expressions and from tables in files.
 
+use super::files;
 use crate::error::{Error, Result, key, value};
 use crate::spec::{EffectKind, SceneSpec, TimeShape};
 use arlequin::core::Formula;
@@ -242,8 +243,7 @@ pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
 /// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words
 /// is a header.
 fn numbers(path: &str, folder: &Path, name: &str) -> Result<Vec<(usize, Vec<f64>)>> {
-    let file = folder.join(name);
-    let text = std::fs::read_to_string(&file).map_err(|source| Error::Read { path: file, source })?;
+    let text = files::text(&folder.join(name))?;
     let mut out = Vec::new();
     // Spreadsheets write a byte order mark before the first row.
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);

@@ -214,6 +214,8 @@ pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<
     Ok(())
 }
 
+const ALL_BONDS: &str = "takes every bond of the body; make it a thin box that crosses a part of the body";
+
 /// Refuses boxes whose high corner is below their low corner.
 pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     for (k, b) in boxes.iter().enumerate() {
@@ -229,6 +231,28 @@ pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     Ok(())
 }
 
+/// Refuses notches that cannot leave a cut body: beside a shape between the corners `ends`, or over all of it.
+pub(super) fn check_notches(path: &str, boxes: &[NotchBox], ends: [Vector3<f64>; 2]) -> Result<()> {
+    check_boxes(path, boxes)?;
+    let [from, to] = ends;
+    for (k, b) in boxes.iter().enumerate() {
+        let beside = (0..3).any(|c| b.low[c] > to[c] || b.high[c] < from[c]);
+        let over = (0..3).all(|c| b.low[c] <= from[c] && b.high[c] >= to[c]);
+        let rule = match (beside, over) {
+            (true, _) => "crosses no bond: it lies beside the shape; move it or check the units (m)",
+            (_, true) => ALL_BONDS,
+            _ => continue,
+        };
+        let place = format!(
+            "{rule}; the shape reaches from {:?} to {:?} m",
+            from.as_slice(),
+            to.as_slice()
+        );
+        return Err(key(format!("{path}.dem.notch[{k}]"), place));
+    }
+    Ok(())
+}
+
 /// Removes the bonds that pass through a box, and the spheres that lose their connection.
 ///
 /// # Errors
@@ -239,6 +263,9 @@ pub fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> 
         if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
             let rule = "crosses no bond; enlarge it or check the units (m)";
             return Err(key(format!("{path}.dem.notch[{k}]"), rule));
+        }
+        if packing.pairs.is_empty() {
+            return Err(key(format!("{path}.dem.notch[{k}]"), ALL_BONDS));
         }
     }
     Ok(())

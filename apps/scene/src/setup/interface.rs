@@ -75,6 +75,7 @@ impl<'a> Plan<'a> {
         let overlap = overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
         if let [Some(coarse), Some(fine)] = tables.map(|t| shape_corners(&t.shape)) {
             check_place(&path, table, &*overlap, [&coarse, &fine])?;
+            check_ends(&path, table, tables.map(|t| t.spacing), [&coarse, &fine])?;
         }
         // Built for their errors only; the nodes of the mediator are not known yet, and any positive spacing
         // will do.
@@ -85,6 +86,14 @@ impl<'a> Plan<'a> {
         {
             let rule = "needs exactly one of rate [1/s], rate_factor [-]";
             return Err(key(format!("{path}.absorber"), rule));
+        }
+        if let Some(a) = &table.absorber {
+            let rates = [("rate", a.rate), ("rate_factor", a.rate_factor)];
+            if let Some((name, Some(rate))) = rates.iter().find(|(_, r)| r.is_some_and(|r| r < 0.0)) {
+                let rule =
+                    "must not be negative: it would feed waves; take 0.2 as rate_factor, or remove absorber";
+                return Err(value(format!("{path}.absorber.{name}"), rate, rule));
+            }
         }
         // The shape of a link is known only after it has connected.
         if table.mediator.shape.is_some() || !tables.iter().any(|t| kind(t.kind).is_remote()) {
@@ -280,6 +289,45 @@ fn check_sense(
             from
         );
         return Err(key(format!("{path}.overlap.slab"), rule));
+    }
+    Ok(())
+}
+
+/// Refuses a model that goes on beyond the slab, where it has no weight and its nodes would have no mass.
+fn check_ends(
+    path: &str,
+    table: &Interface,
+    spacings: [Option<f64>; 2],
+    points: [&[Point3<f64>]; 2],
+) -> Result<()> {
+    let OverlapShape::Slab { fine, coarse } = &table.overlap else {
+        return Ok(());
+    };
+    let width = (Point3::from(*coarse) - Point3::from(*fine)).norm();
+    let beyond = [
+        (
+            &table.coarse,
+            "fine",
+            fine,
+            -positions_across(fine, coarse, points[0])[0],
+        ),
+        (
+            &table.fine,
+            "coarse",
+            coarse,
+            positions_across(fine, coarse, points[1])[1] - 1.0,
+        ),
+    ];
+    for ((name, plane, point, reach), spacing) in beyond.into_iter().zip(spacings) {
+        let reach = reach * width;
+        // Nodes or spheres surely lie in a layer of two spacings.
+        if spacing.is_some_and(|h| reach > 2.0 * h) {
+            let rule = format!(
+                "model '{name}' goes on {reach:.3e} m beyond the plane through {plane} = {point:?} m, where it has no weight; end the \
+                 model there, or move the plane to its end"
+            );
+            return Err(key(format!("{path}.overlap.slab.{plane}"), rule));
+        }
     }
     Ok(())
 }

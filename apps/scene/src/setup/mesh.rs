@@ -10,6 +10,9 @@ use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::path::Path;
 
+/// Largest number of elements of a generated mesh, as the mesh generators have it.
+const MOST: f64 = 16_777_216.0;
+
 /// Mesh of a model for output.
 #[derive(Debug, Clone, Default)]
 pub struct Grid {
@@ -362,7 +365,15 @@ pub(super) fn divisions_of(
         },
         (spacing, None) => {
             let h = positive_spacing(key, spacing)?;
-            // The cast saturates; the mesh generators refuse numbers that are too large.
+            let total: f64 = extents.iter().map(|l| (l / h).round().max(1.0)).product();
+            if total > MOST {
+                let lengths: Vec<String> = extents.iter().map(|l| format!("{l:.3e}")).collect();
+                let rule = format!(
+                    "{total:.1e} elements of that length fill {} m, {MOST:.1e} at most are made; choose a longer one [m]",
+                    lengths.join(" by ")
+                );
+                return Err(value(format!("{key}.spacing"), h, &rule));
+            }
             Ok(extents
                 .iter()
                 .map(|l| ((l / h).round() as usize).max(1))

@@ -45,6 +45,7 @@ pub use body::Body;
 pub use bounds::Bounds;
 pub use built::{Built, ModelInfo, Start};
 pub use clock::PhaseTime;
+pub(crate) use files::text;
 pub use grains::cut;
 pub(crate) use grains::obstacle_parts;
 pub(crate) use interface::stations;
@@ -84,7 +85,9 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
     statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
-    precheck::scene(scene, folder).map(|_| ())
+    precheck::models(scene, folder)?;
+    let (scene, _) = zone::with_probes_in_zones(scene, folder)?;
+    precheck::scene(&scene, folder).map(|_| ())
 }
 
 /// Builds a run with its own initial state and on several ranks, among which bodies are partitioned;
@@ -101,6 +104,8 @@ pub(crate) fn build_from(
     let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
+    precheck::models(scene, folder)?;
+    let (scene, split_probes) = &zone::with_probes_in_zones(scene, folder)?;
     let checked = precheck::scene(scene, folder)?;
     let mut bodies = bodies_of(scene, &checked.effects, folder, &mut clock)?;
     clock.begin("mediators, probes and effects".to_owned());
@@ -114,6 +119,7 @@ pub(crate) fn build_from(
     let without_contact = ParticlesWithoutContact::from_scene(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     warnings.extend(probes.iter().filter_map(|p| p.warning(&bodies)));
+    warnings.extend(split_probes.iter().cloned());
     let zones = zone::lines(scene, &bodies);
     let forces = totals::collect(scene, &bodies)?;
     let models = bodies.iter().map(ModelInfo::from_body).collect();

@@ -3,12 +3,14 @@
 use super::body::Body;
 use super::filling::Filling;
 use super::kinds::kind;
-use super::{load, names, probe, select, shared};
-use crate::error::{Result, unknown, value};
-use crate::spec::{ModelTable, SceneSpec, Selection, Shape};
+use super::shapes::corners;
+use super::{load, names, probe, select, shared, support};
+use crate::error::{Result, key, unknown, value};
+use crate::spec::{ModelTable, SceneSpec, Selection, Shape, Support};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Smallest distance of a centre from a wall, as a share of the mean radius.
@@ -25,14 +27,11 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
         Ok(bodies[m].as_ref().map(|body| (m, body)))
     };
     for (name, p) in &scene.probe {
-        let (path, Some(model_name), Some(point)) = (format!("probe.{name}"), &p.model, &p.at) else {
+        let (path, Some(model_name)) = (format!("probe.{name}"), &p.model) else {
             continue;
         };
-        let Some((_, body)) = built(&path, model_name)? else {
-            continue;
-        };
-        if let Err(e) = probe::placed(&path, model_name, point, body) {
-            return Err(in_zone(&path, model_name, point, body, folder)?.unwrap_or(e));
+        if let Some(numbered) = built(&path, model_name)? {
+            probe::check_built(&path, p, numbered)?;
         }
     }
     for (k, s) in scene.support.iter().enumerate() {
@@ -41,9 +40,11 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
             Some((m, body)) if names::parts(scene, m).len() == 1 => {
                 select::nodes(&format!("{path}.where"), body, &s.at)?;
             }
-            _ => {}
+            Some((_, body)) => held_somewhere(&path, s, body, folder)?,
+            None => {}
         }
     }
+    support::check_built(scene, bodies)?;
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
         let Some((m, body)) = built(&path, &l.model)? else {
@@ -57,27 +58,40 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
     Ok(())
 }
 
-/// Error for a point that lies not in a body's own model but in one of its zones; `None` otherwise.
-fn in_zone(
-    path: &str,
-    model_name: &str,
-    point: &[f64; 3],
-    body: &Body,
-    folder: &Path,
-) -> Result<Option<crate::Error>> {
+/// Refuses a support on a body with zones that selects neither a part of the body's mesh nor a place where
+/// spheres of a zone could be.
+fn held_somewhere(path: &str, s: &Support, body: &Body, folder: &Path) -> Result<()> {
     let Shape::Piece(piece) = &body.shape else {
-        return Ok(None);
+        return Ok(());
     };
-    let zone = piece.zone_at(&Point3::from(*point), folder)?;
-    Ok(zone.filter(|zone| *zone != model_name).map(|zone| {
-        let rule = format!(
-            "is the body outside its zones, and {point:?} m lies in zone '{zone}'; give model = \"{zone}\", or move the probe out of it"
-        );
-        value(format!("{path}.model"), model_name, &rule)
-    }))
+    let (whole, path) = (piece.whole(folder)?, format!("{path}.where"));
+    match &s.at {
+        Selection::Group(name) if !whole.groups().contains_key(name) => {
+            let groups = select::named(whole.groups());
+            Err(unknown(path, name, "group of the body", groups))
+        }
+        Selection::Group(_) => Ok(()),
+        Selection::Box(..) => meets(&path, &s.at, "body", corners(whole.nodes())),
+    }
 }
 
-/// Refuses groups and points that the shapes of particles do not have, judged by the scene and its files
+/// Refuses a box that does not meet a model between two corners.
+fn meets(path: &str, selection: &Selection, name: &str, ends: [Vector3<f64>; 2]) -> Result<()> {
+    let Selection::Box(low, high) = selection else {
+        return Ok(());
+    };
+    let slack = select::slack((ends[1] - ends[0]).norm());
+    if (0..3).all(|c| low[c] <= ends[1][c] + slack && high[c] >= ends[0][c] - slack) {
+        return Ok(());
+    }
+    let [from, to] = ends.map(|x| format!("{:?}", x.as_slice()));
+    let rule = format!(
+        "{selection} lies outside model '{name}', which reaches from {from} to {to} m; move it, enlarge it or check the units (m)"
+    );
+    Err(key(path, rule))
+}
+
+/// Refuses groups, boxes and points that the shapes of particles do not have, judged by the scene and its files
 /// alone.
 ///
 /// # Errors
@@ -100,17 +114,10 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
         if on_model.is_empty() {
             continue;
         }
-        let filling = match table.shape {
-            Shape::Piece(_) => None,
-            _ => Some(Filling::from_table(&format!("model.{name}"), table, folder)?),
-        };
+        let (filling, place) = place_of(name, table, folder)?;
         for (path, _, over, point) in on_model {
-            if let (Some(Selection::Group(group)), Some(filling), Shape::File(_)) =
-                (over, &filling, &table.shape)
-                && !filling.faces.contains_key(group)
-            {
-                let path = format!("{path}.where");
-                return Err(unknown(path, group, "group of the model", filling.faces.keys()));
+            if let Some(over) = over {
+                place.check(&format!("{path}.where"), name, over)?;
             }
             if let Some(point) = point {
                 check_point(&path, name, point, (table, filling.as_ref()), folder)?;
@@ -118,6 +125,40 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// What is known of the place of particles before they are packed.
+struct Ground {
+    /// Groups of a file or of a zone; `None` if the kind of the model knows the groups of its shape.
+    groups: Option<BTreeMap<String, ()>>,
+    /// Lowest and highest corner \[m\].
+    ends: [Vector3<f64>; 2],
+}
+
+impl Ground {
+    fn check(&self, path: &str, name: &str, over: &Selection) -> Result<()> {
+        match (over, &self.groups) {
+            (Selection::Group(group), Some(groups)) if !groups.contains_key(group) => {
+                Err(unknown(path, group, "group of the model", select::named(groups)))
+            }
+            _ => meets(path, over, name, self.ends),
+        }
+    }
+}
+
+/// Container of the particles of a model that is no zone, and the place of the particles.
+fn place_of(name: &str, table: &ModelTable, folder: &Path) -> Result<(Option<Filling>, Ground)> {
+    let named = |groups: &mut dyn Iterator<Item = &String>| groups.map(|g| (g.clone(), ())).collect();
+    if let Shape::Piece(piece) = &table.shape {
+        let (triangles, mesh) = piece.surface(folder)?;
+        let groups = Some(named(&mut triangles.groups.keys()));
+        let ends = corners(mesh.nodes());
+        return Ok((None, Ground { groups, ends }));
+    }
+    let filling = Filling::from_table(&format!("model.{name}"), table, folder)?;
+    let groups = matches!(table.shape, Shape::File(_)).then(|| named(&mut filling.faces.keys()));
+    let ends = filling.ends();
+    Ok((Some(filling), Ground { groups, ends }))
 }
 
 /// Refuses a point at which the particles that will fill a shape cannot have a displacement.

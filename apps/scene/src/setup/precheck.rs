@@ -5,9 +5,9 @@ use super::kind::Order;
 use super::kinds::{self, kind};
 use super::names::{effects_by_model, model_index, model_indices};
 use super::shapes::ends;
-use super::{between, drive, grains, load, places, probe, select, time};
+use super::{between, drive, grains, load, places, probe, select, statics, time};
 use crate::error::{Result, core, dem, key, unknown, value};
-use crate::spec::{Axis, Effect, EffectKind, ModelTable, Reading, SceneSpec, Selection, Shape};
+use crate::spec::{Axis, Effect, EffectKind, ModelTable, Quantity, Reading, SceneSpec, Selection, Shape};
 use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
@@ -20,8 +20,8 @@ pub(super) struct Checked<'a> {
     pub interfaces: Vec<Plan<'a>>,
 }
 
-/// Checks all tables of a scene.
-pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checked<'a>> {
+/// Checks the tables of the models, each by itself.
+pub(super) fn models(scene: &SceneSpec, folder: &Path) -> Result<()> {
     if scene.model.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
     }
@@ -30,6 +30,11 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
         spacing(&format!("{key}.spacing"), table)?;
         kinds::check(&order(name, &key, table, folder))?;
     }
+    Ok(())
+}
+
+/// Checks all other tables of a scene, whose models are checked.
+pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checked<'a>> {
     let interfaces = scene.interface.iter();
     let interfaces = interfaces.map(|(name, table)| Plan::new(name, table, scene, folder));
     let interfaces = interfaces.collect::<Result<_>>()?;
@@ -48,6 +53,7 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
     }
     acting(scene)?;
     watched(scene)?;
+    statics::check_held(scene)?;
     places::check_fillings(scene, folder)?;
     Ok(Checked { effects, interfaces })
 }
@@ -128,6 +134,18 @@ fn watched(scene: &SceneSpec) -> Result<()> {
         let model_name = probe::model(&path, p)?;
         let table = model(&path, model_name, scene)?;
         probe::check(&path, p)?;
+        let spheres = kind(table.kind).has_spheres();
+        if let (Some(_), true) = (&p.crack, spheres) {
+            let rule = format!(
+                "model '{model_name}' cannot tell the energy that a crack releases: particles have no stresses over a volume; \
+                 look at a solid of finite or natural elements"
+            );
+            return Err(key(format!("{path}.crack"), rule));
+        }
+        if p.quantity == Quantity::Strain && spheres {
+            let rule = format!("model '{model_name}' knows stresses only; take \"stress\"");
+            return Err(key(format!("{path}.quantity"), rule));
+        }
         if let Some(c) = &p.crack {
             probe::check_crack(&path, p, c, scene)?;
             continue;

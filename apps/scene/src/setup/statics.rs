@@ -1,13 +1,15 @@
 //! Load steps of `[static]` scenes.
 
 use super::formula;
+use super::kinds::kind;
 use crate::error::{Result, key, value};
-use crate::spec::{EffectKind, SceneSpec, Static};
+use crate::spec::{Bearer, Effect, EffectKind, ModelTable, SceneSpec, Shape, Static};
 use arlequin::core::Relaxation;
 use std::path::Path;
 
 /// Largest number of load steps.
 const MANY: usize = 1_000_000;
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Load steps of a `[static]` scene.
 #[derive(Debug, Clone)]
@@ -79,10 +81,68 @@ fn check(scene: &SceneSpec, s: &Static) -> Result<()> {
         let rule = "moves a scene that is at rest with [static]; remove velocity, spin and wave";
         return Err(key(format!("initial[{k}]"), rule));
     }
-    let prestressed = |e: &crate::spec::Effect| e.enabled && matches!(e.kind, EffectKind::Prestress(_));
+    let prestressed = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::Prestress(_));
     if let Some(k) = scene.effect.iter().position(prestressed) {
         let rule = "is of the shape at the start of a run in time; remove it or [static]";
         return Err(key(format!("effect[{k}].prestress"), rule));
     }
     Ok(())
+}
+
+/// Refuses models at rest that no support holds in a direction: nothing would resist their rigid motion.
+/// Supports at points or lines, which leave turns free, are judged with the nodes of the models.
+pub(super) fn check_held(scene: &SceneSpec) -> Result<()> {
+    if scene.statics.is_none() || !is_linear(scene) {
+        return Ok(());
+    }
+    for group in tied(scene) {
+        let is_line = |name: &str| matches!(scene.model[name].shape, Shape::Bar { .. });
+        let axes = if group.iter().all(|n| is_line(n)) { 1 } else { 3 };
+        let supports = || scene.support.iter().filter(|s| group.contains(&s.model.as_str()));
+        let holds = |c: usize| {
+            let mut components = supports().map(|s| s.components.as_deref());
+            components.any(|list| list.is_none_or(|list| list.iter().any(|a| a.index() == c)))
+        };
+        let free = |c: &usize| !holds(*c);
+        let moves: Vec<usize> = (0..axes).filter(free).collect();
+        let turns: Vec<usize> = (0..axes)
+            .filter(|c| axes == 3 && (0..3).all(|o| o == *c || free(&o)))
+            .collect();
+        if moves.is_empty() {
+            continue;
+        }
+        let list = |axes: &[usize]| axes.iter().map(|c| AXES[*c]).collect::<Vec<&str>>().join(" and ");
+        let turn = match turns.is_empty() {
+            true => String::new(),
+            false => format!(" and turn about {}", list(&turns)),
+        };
+        let rule = format!(
+            "'{}' can move along {}{turn}: no support holds it in these directions; add supports",
+            group.join("' and '"),
+            list(&moves)
+        );
+        return Err(key("static", rule));
+    }
+    Ok(())
+}
+
+/// Returns whether nothing in a scene makes the load steps other than linear, so that they are solved directly.
+fn is_linear(scene: &SceneSpec) -> bool {
+    let linear = |e: &Effect| !e.enabled || e.kind.bearer() != Bearer::Particles && e.between.is_none();
+    let plain = |m: &ModelTable| !m.dem.finite_rotations && !kind(m.kind).is_remote();
+    scene.effect.iter().all(linear) && scene.model.values().all(plain)
+}
+
+/// Names of the models, in groups that interfaces tie together.
+fn tied(scene: &SceneSpec) -> Vec<Vec<&str>> {
+    let mut groups: Vec<Vec<&str>> = scene.model.keys().map(|n| vec![&**n]).collect();
+    for i in scene.interface.values() {
+        let sides = [&*i.coarse, &*i.fine];
+        let (joined, mut others): (Vec<_>, Vec<_>) = groups
+            .into_iter()
+            .partition(|g: &Vec<&str>| sides.iter().any(|s| g.contains(s)));
+        others.push(joined.concat());
+        groups = others;
+    }
+    groups
 }

@@ -58,6 +58,25 @@ fn held_nodes(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<H
     Ok(out)
 }
 
+/// Refuses supports that contradict each other in the models built so far.
+pub(super) fn check_built(scene: &SceneSpec, bodies: &[Option<Body>]) -> Result<()> {
+    let mut out = Vec::new();
+    for (support, s) in scene.support.iter().enumerate() {
+        let m = names::model_index(&format!("support[{support}].model"), &s.model, scene)?;
+        for model in names::parts(scene, m) {
+            if let Some(body) = &bodies[model] {
+                out.push(Held {
+                    support,
+                    model,
+                    nodes: nodes_of_part(support, s, body),
+                    of_zone: model != m,
+                });
+            }
+        }
+    }
+    check(scene, |m| bodies.get(m)?.as_ref(), &out)
+}
+
 /// Nodes of the body, or of one of its zones, that a support on the body holds. Spheres are also held if they
 /// touch the surface inside a box.
 fn nodes_of_part(support: usize, s: &Support, body: &Body) -> Vec<usize> {
@@ -124,7 +143,7 @@ pub(super) fn motions(
     folder: &Path,
 ) -> Result<Vec<(usize, PrescribedMotion<f64>)>> {
     let holdings = held_nodes(scene, bodies, folder)?;
-    check(scene, bodies, &holdings)?;
+    check(scene, |m| bodies.get(m), &holdings)?;
     let mut own_dofs: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
     let mut out = Vec::with_capacity(holdings.len());
     for h in &holdings {
@@ -196,10 +215,16 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
 
 /// Refuses a component of a node that two supports prescribe, unless both hold it at rest: the user must
 /// choose one.
-fn check(scene: &SceneSpec, bodies: &[Body], holdings: &[Held]) -> Result<()> {
+fn check<'b>(
+    scene: &SceneSpec,
+    body_of: impl Fn(usize) -> Option<&'b Body>,
+    holdings: &[Held],
+) -> Result<()> {
     let mut holders: BTreeMap<(usize, usize, usize), &Held> = BTreeMap::new();
     for h in holdings {
-        let (s, body) = (&scene.support[h.support], &bodies[h.model]);
+        let (s, Some(body)) = (&scene.support[h.support], body_of(h.model)) else {
+            continue;
+        };
         let count = body.model.layout().components;
         let axes = [Axis::X, Axis::Y, Axis::Z];
         let axes = s.components.as_deref().unwrap_or(&axes[..count]);

@@ -1,5 +1,6 @@
 //! Tests of scenes, linked as one program instead of 20.
 
+mod before_packing;
 mod cracks;
 mod end_zones;
 mod energy_release;

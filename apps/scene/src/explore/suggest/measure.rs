@@ -20,8 +20,11 @@ const STRETCH: usize = 10;
 /// the lengths of the scene with these changes.
 pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64, Scenario)> {
     let begin = Instant::now();
-    let changes: Vec<String> = changes.iter().filter_map(Change::assignment).collect();
-    let scene = scene.clone().assign(&changes)?;
+    let change = |scene: Scene, c: &Change| match c.assignment() {
+        Some(assignment) => scene.assign(&[assignment]),
+        None => scene.without(&c.path),
+    };
+    let scene = changes.iter().try_fold(scene.clone(), change)?;
     let s = scenario::scenario(scene.spec())?;
     let built = setup::build(scene.spec(), scene.folder());
     let built = built.map_err(|e| lower::written(scene.spec(), e))?;

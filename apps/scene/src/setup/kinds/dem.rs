@@ -159,7 +159,7 @@ impl Kind for Dem {
         unread(key, table)?;
         let filling = Filling::from_table(key, table, folder)?;
         Recipe::check(key, table, folder, &filling)?;
-        grains::check_boxes(key, &table.dem.notch)?;
+        grains::check_notches(key, &table.dem.notch, filling.ends())?;
         beam(key, table).map(|_| ())
     }
 

@@ -16,14 +16,13 @@ pub(super) use rules::{axis, check, model};
 use super::body::Body;
 use super::interface::BuiltInterface;
 use super::names::model_index;
-use super::weights;
+use super::{select, weights};
 use crate::error::{Result, core, key};
 use crate::spec::{Probe, Quantity, Reading, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, EnergyRelease, Subdomain};
 use exerted::Exerted;
-use place::chosen;
 use rules::ONE_PLACE;
 use tensor::TensorRow;
 
@@ -80,6 +79,10 @@ impl ProbeReader {
             let what = Exerted::new(&path, name, probe, scene, bodies)?;
             Ok((what, axis(&path, probe)?.index()))
         };
+        let numbered = || {
+            let m = model_index(&format!("{path}.model"), model(&path, probe)?, scene)?;
+            Ok((m, &bodies[m]))
+        };
         let source = match (&probe.of, probe.quantity.reading()) {
             (Some(name), Reading::Moment) => {
                 let (what, c) = exerted(name)?;
@@ -98,14 +101,13 @@ impl ProbeReader {
                 Source::Force(what, c)
             }
             (None, Reading::Release) => {
-                let model_name = model(&path, probe)?;
-                let m = model_index(&format!("{path}.model"), model_name, scene)?;
+                let (m, body) = numbered()?;
                 let weights = weights::model_weights(m, joints)?;
-                Source::Released(m, crack::release(&path, probe, &bodies[m], &weights)?)
+                Source::Released(m, crack::release(&path, probe, body, &weights)?)
             }
-            (None, Reading::Tensor) => Source::Tensor(tensor_row(&path, probe, scene, bodies)?),
+            (None, Reading::Tensor) => Source::Tensor(tensor_row(&path, probe, numbered()?)?),
             (None, Reading::Displacements | Reading::Velocities | Reading::Force | Reading::Moment) => {
-                Source::Motion(Row::new(&path, probe, scene, bodies)?)
+                Source::Motion(Row::new(&path, probe, numbered()?)?)
             }
         };
         Ok(Self {
@@ -163,10 +165,8 @@ impl ProbeReader {
 }
 
 impl Row {
-    fn new(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
-        let model_name = model(path, probe)?;
-        let model = model_index(&format!("{path}.model"), model_name, scene)?;
-        let body = &bodies[model];
+    fn new(path: &str, probe: &Probe, (model, body): (usize, &Body)) -> Result<Self> {
+        let model_name = body.model.name();
         let count = body.model.layout().components;
         let c = axis(path, probe)?.index();
         if c >= count {
@@ -185,7 +185,7 @@ impl Row {
         let mut along_arms = None;
         let row = match (&probe.at, &probe.over) {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
-                let nodes = chosen(path, selection, model, scene, bodies)?;
+                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
                 let [row, stretch] = rotation(path, body, &nodes, c)?;
                 along_arms = (body.model.arms() == Arms::Current).then_some(stretch);
                 row
@@ -196,7 +196,7 @@ impl Row {
                 row.map(|(n, v)| (n * count + c, v)).collect()
             }
             (None, Some(selection)) => {
-                let nodes = chosen(path, selection, model, scene, bodies)?;
+                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
                 let share = 1.0 / nodes.len() as f64;
                 nodes.iter().map(|n| (n * count + c, share)).collect()
             }
@@ -224,16 +224,22 @@ impl Row {
     }
 }
 
-fn tensor_row(path: &str, probe: &Probe, scene: &SceneSpec, bodies: &[Body]) -> Result<TensorRow> {
-    let model_name = model(path, probe)?;
-    let number = model_index(&format!("{path}.model"), model_name, scene)?;
+/// Refuses a probe of motion, stress or strain that model number `m` of a scene cannot have.
+pub(super) fn check_built(path: &str, probe: &Probe, (m, body): (usize, &Body)) -> Result<()> {
+    match (&probe.of, probe.quantity.reading()) {
+        (Some(_), _) | (None, Reading::Release) => Ok(()),
+        (None, Reading::Tensor) => tensor_row(path, probe, (m, body)).map(|_| ()),
+        (None, _) => Row::new(path, probe, (m, body)).map(|_| ()),
+    }
+}
+
+fn tensor_row(path: &str, probe: &Probe, (number, body): (usize, &Body)) -> Result<TensorRow> {
     check(path, probe)?;
-    let body = &bodies[number];
     let place = probe
         .at
         .as_ref()
-        .map(|point| placed(path, model_name, point, body));
-    TensorRow::new(path, probe, (number, scene, bodies), place.transpose()?)
+        .map(|point| placed(path, body.model.name(), point, body));
+    TensorRow::new(path, probe, (number, body), place.transpose()?)
 }
 
 /// Rows of the least-squares rotation of nodes about axis `c` through their centroid:

@@ -1,40 +1,10 @@
-//! Places of probes: points and nodes of models.
+//! Places of probes: points of models.
 
-use crate::error::{Error, Result, core, key, value};
+use crate::error::{Error, Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::shapes::corners;
-use crate::setup::{names, select};
-use crate::spec::{SceneSpec, Selection};
 use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::Point3;
-
-/// Nodes of a model that a probe selects.
-///
-/// # Errors
-/// No nodes; the error names a zone of the body that has some.
-pub(super) fn chosen(
-    path: &str,
-    selection: &Selection,
-    model: usize,
-    scene: &SceneSpec,
-    bodies: &[Body],
-) -> Result<Vec<usize>> {
-    let path = format!("{path}.where");
-    let nodes_on = |m: usize| select::nodes(&path, &bodies[m], selection);
-    let nodes = nodes_on(model);
-    let zones = || names::parts(scene, model).into_iter().filter(|m| *m != model);
-    match (nodes, zones().find(|m| nodes_on(*m).is_ok())) {
-        (Err(_), Some(zone)) => {
-            let name = bodies[zone].model.name();
-            let rule = format!(
-                "{selection} holds nodes of zone '{name}' only, and model '{}' is the body outside its zones; give model = \"{name}\"",
-                bodies[model].model.name()
-            );
-            Err(key(path, rule))
-        }
-        (nodes, _) => nodes,
-    }
-}
 
 /// Nodes and shape functions at a point.
 ///
@@ -72,10 +42,15 @@ pub(in crate::setup) fn inside(
 }
 
 fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
-    let rule = format!(
-        "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
-         model"
-    );
+    let within = (0..3).all(|c| (low[c]..=high[c]).contains(&x[c]));
+    let rule = match within {
+        // Such as a point in a hole.
+        true => format!("lies in no part of model '{model}'; move the probe into it, or name another model"),
+        false => format!(
+            "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
+             model"
+        ),
+    };
     value(
         format!("{path}.at"),
         format_args!("{:?} m", x.coords.as_slice()),

@@ -1,9 +1,9 @@
 //! Probes of stress and strain, at a point or as the mean over nodes.
 
-use super::place::chosen;
 use crate::error::{Result, core, key};
 use crate::setup::body::Body;
-use crate::spec::{Component, Probe, Quantity, SceneSpec};
+use crate::setup::select;
+use crate::spec::{Component, Probe, Quantity};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Recovered, Recovery, Subdomain, SymmetricTensor};
 
@@ -51,10 +51,9 @@ impl TensorRow {
     pub(super) fn new(
         path: &str,
         probe: &Probe,
-        (model, scene, bodies): (usize, &SceneSpec, &[Body]),
+        (model, body): (usize, &Body),
         placed: Option<(Vec<usize>, Vec<f64>)>,
     ) -> Result<Self> {
-        let body = &bodies[model];
         let name = body.model.name();
         let Some(recovery) = body.model.views().recovery else {
             let rule = format!("model '{name}' of kind '{}' knows no stresses", body.model.kind());
@@ -67,7 +66,7 @@ impl TensorRow {
         let (nodes, factors) = match (placed, &probe.over) {
             (Some(placed), _) => placed,
             (None, Some(selection)) => {
-                let nodes = chosen(path, selection, model, scene, bodies)?;
+                let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
                 // Particles are weighted by the volume of their spheres: in a plain mean the small ones,
                 // which carry higher stresses, would count too much.
                 let size = |n: &usize| body.grid.radii.get(*n).map_or(1.0, |r| r.powi(3));

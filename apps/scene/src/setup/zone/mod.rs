@@ -8,11 +8,12 @@ mod around;
 mod divide;
 mod likeness;
 mod place;
+mod probes;
 mod region;
 
 pub use super::packing::Likeness;
 pub(super) use likeness::{Supports, Twin};
-
+pub(super) use probes::with_probes_in_zones;
 pub(super) use region::check_region;
 
 use super::body::Body;
@@ -188,7 +189,13 @@ impl Piece {
                 }
                 mesh::positive_spacing(request.key, request.spacing).map(|_| ())
             }
-            Use::Between(_) => Ok(()),
+            Use::Between(_) => match request.spacing {
+                None => Ok(()),
+                Some(wanted) => {
+                    let mesh = self.elements(self.cut.division(request.folder)?)?;
+                    halvings(&mesh, wanted, 0.0, &format!("{}.spacing", request.key)).map(|_| ())
+                }
+            },
         }
     }
 
@@ -273,15 +280,6 @@ impl Piece {
         Ok(out)
     }
 
-    /// Name of the zone that alone owns the element at a point, if any.
-    pub(super) fn zone_at(&self, x: &Point3<f64>, folder: &Path) -> Result<Option<&str>> {
-        let division = self.cut.division(folder)?;
-        Ok(match division.field.element_at(x).map(|e| division.owners[e]) {
-            Some(divide::Owner::Zone(z)) => Some(&self.cut.zones[z].name),
-            _ => None,
-        })
-    }
-
     /// Returns whether a point lies in an element of this zone, overlap included.
     pub(super) fn holds(&self, x: &Point3<f64>, folder: &Path) -> Result<bool> {
         let division = self.cut.division(folder)?;
@@ -313,6 +311,13 @@ impl Piece {
 
 /// Halves elements at least `least` times and until they are no longer than `target` \[m\].
 fn halved(mesh: Mesh<f64>, target: f64, least: f64, key: &str) -> Result<Mesh<f64>> {
+    let times = halvings(&mesh, target, least, key)?;
+    let halved = (0..times).try_fold(mesh, |mesh, _| mesh.refined());
+    halved.map_err(fem(key))
+}
+
+/// Number of halvings of [`halved`].
+fn halvings(mesh: &Mesh<f64>, target: f64, least: f64, key: &str) -> Result<usize> {
     let ratio = mesh.spacing() / target;
     // A length that fits up to round-off needs no further halving.
     let times = (ratio.log2() - 1e-6).ceil().max(least);
@@ -324,8 +329,7 @@ fn halved(mesh: Mesh<f64>, target: f64, least: f64, key: &str) -> Result<Mesh<f6
         );
         return Err(value(key, target, &rule));
     }
-    let halved = (0..times as usize).try_fold(mesh, |mesh, _| mesh.refined());
-    halved.map_err(fem(key))
+    Ok(times as usize)
 }
 
 /// The body's elements as a field that finds the element at a point.
