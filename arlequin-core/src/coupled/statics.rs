@@ -5,8 +5,10 @@
 
 use super::Coupled;
 use crate::effect::Instant;
-use crate::linalg::SquareFactor;
+use crate::linalg::{SpdFactor, SquareFactor};
+use crate::model::unknown_places;
 use crate::{Error, Real, Result, Subdomain};
+use nalgebra::Point3;
 use sprs::{CsMat, CsVecView, TriMat};
 
 /// Static equilibrium.
@@ -27,6 +29,14 @@ const RESIDUAL_LIMIT: f64 = 1e-6;
 /// Largest accepted relative change of the displacements by the step of iterative refinement. A free rigid
 /// motion is round-off over round-off: refinement changes it by its own size, however small the residual.
 const CHANGE_LIMIT: f64 = 1e-3;
+/// Number added to the scaled diagonal, positive for displacements and negative for multipliers. With it the
+/// system has a factor in any order of elimination; iterative refinement takes it out again.
+const REGULAR: f64 = 1e-9;
+/// Smallest accepted pivot of a displacement in the regularised system. A free rigid motion has one of about
+/// [`REGULAR`].
+const LEAST_PIVOT: f64 = 30.0 * REGULAR;
+/// Largest number of refinements of a solution by the regularised factor.
+const REFINEMENTS: usize = 20;
 
 /// Saddle-point system before prescribed unknowns are eliminated.
 struct System<T> {
@@ -37,6 +47,8 @@ struct System<T> {
     values: Vec<T>,
     /// Largest modulus of a stiffness entry.
     scale: T,
+    /// Place of every unknown \[m\]; a multiplier lies among the nodes that it ties.
+    places: Vec<Point3<T>>,
 }
 
 impl<T: Real> System<T> {
@@ -47,6 +59,7 @@ impl<T: Real> System<T> {
             fixed: vec![false; size],
             values: vec![T::zero(); size],
             scale: T::zero(),
+            places: Vec::with_capacity(size),
         }
     }
 
@@ -64,6 +77,7 @@ impl<T: Real> System<T> {
             // The scale for multipliers: their rows have no stiffness of their own.
             self.scale = self.scale.max(v.abs());
         }
+        self.places.extend(unknown_places(s.model()));
         let n = s.model().layout().dofs();
         // Effects are evaluated at rest: here none depends on positions, and damping has no force.
         let zeros = vec![T::zero(); n];
@@ -101,6 +115,7 @@ impl<T: Real> Coupled<T> {
         }
         // After all stiffnesses: the compliance is relative to their largest entry.
         self.add_constraints(&starts, system.scale, &mut system.matrix);
+        self.place_multipliers(&starts, &mut system.places);
         let moving = starts.get(self.subdomains.len()).copied().unwrap_or(size);
         // Taken out while `system` is solved, and put back after an error too.
         let mut factored = self.factored.take();
@@ -186,12 +201,86 @@ impl<T: Real> Coupled<T> {
     }
 }
 
+impl<T: Real> Coupled<T> {
+    /// Adds the place of every multiplier: the mean of the nodes that it ties, by its entries.
+    fn place_multipliers(&self, starts: &[usize], places: &mut Vec<Point3<T>>) {
+        for (k, i) in self.interfaces.iter().enumerate() {
+            let first = starts[self.subdomains.len() + k];
+            let count = i.multipliers().len();
+            let mut sums = vec![(nalgebra::Vector3::zeros(), T::zero()); count];
+            for (m, coupling) in i.coupling.iter().enumerate() {
+                let (d, col_start) = (coupling.shared(), starts[i.sides[m]]);
+                for (r, c, v) in coupling.entries() {
+                    for a in 0..d {
+                        let (sum, weight) = &mut sums[r * d + a];
+                        *sum += places[col_start + c * d + a].coords * v.abs();
+                        *weight += v.abs();
+                    }
+                }
+            }
+            debug_assert_eq!(places.len(), first);
+            let tiny = T::default_epsilon() * T::default_epsilon();
+            places.extend(
+                sums.iter()
+                    .map(|(sum, weight)| Point3::from(sum / weight.max(tiny))),
+            );
+        }
+    }
+}
+
+/// Factor of the saddle-point system.
+#[derive(Debug)]
+enum Factor<T> {
+    /// `L D Lᵀ` of the regularised system, by nested dissection.
+    Regular(Box<dyn SpdFactor<T>>),
+    /// `L U` with partial pivoting, where the regularised system has a small pivot: slower, but it can tell a
+    /// nearly singular system from a singular one.
+    Pivoted(Box<dyn SquareFactor<T>>),
+}
+
+impl<T: Real> Factor<T> {
+    /// Factors a scaled system whose first `moving` unknowns are displacements.
+    fn new(matrix: &CsMat<T>, places: &[Point3<T>], moving: usize) -> Result<Self> {
+        // Single precision leaves no room for a regularisation.
+        let double = T::epsilon().as_f64() < 1e-12;
+        let regular = || {
+            let n = matrix.rows();
+            let mut shifted = TriMat::with_capacity((n, n), matrix.nnz() + n);
+            matrix
+                .iter()
+                .for_each(|(v, (i, j))| shifted.add_triplet(i, j, *v));
+            let shift = T::of(REGULAR);
+            (0..n).for_each(|i| shifted.add_triplet(i, i, if i < moving { shift } else { -shift }));
+            T::quasi_definite(&shifted.to_csc(), places, moving, T::of(LEAST_PIVOT))
+        };
+        match double.then(regular).flatten() {
+            Some(factor) => Ok(Self::Regular(factor)),
+            None => Ok(Self::Pivoted(T::lu(matrix)?)),
+        }
+    }
+
+    fn solve(&mut self, b: &mut [T]) {
+        match self {
+            Self::Regular(factor) => factor.solve(b),
+            Self::Pivoted(factor) => factor.solve(b),
+        }
+    }
+
+    /// Number of refinements that a solution needs at most.
+    fn refinements(&self) -> usize {
+        match self {
+            Self::Regular(_) => REFINEMENTS,
+            Self::Pivoted(_) => 1,
+        }
+    }
+}
+
 /// Matrix without prescribed unknowns, and its factor. Kept because the next load step of a linear model has
 /// the same matrix.
 #[derive(Debug)]
 pub(super) struct Factored<T> {
     matrix: CsMat<T>,
-    factor: Box<dyn SquareFactor<T>>,
+    factor: Factor<T>,
 }
 
 impl<T: Real> System<T> {
@@ -244,9 +333,9 @@ impl<T: Real> System<T> {
     }
 }
 
-/// Eliminates prescribed unknowns, scales symmetrically and solves with one step of iterative refinement;
-/// returns the solution and its relative residual. The first `moving` unknowns are displacements, the others
-/// multipliers. The matrix is factored only if it differs from that of `cache`.
+/// Eliminates prescribed unknowns, scales symmetrically and solves with iterative refinement; returns the
+/// solution and its relative residual. The first `moving` unknowns are displacements, the others multipliers.
+/// The matrix is factored only if it differs from that of `cache`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,
@@ -260,38 +349,67 @@ fn solve_with_supports<T: Real>(
         Some(known) if known.matrix == fresh => cache.insert(known),
         // LU: multipliers make the matrix indefinite.
         _ => cache.insert(Factored {
-            factor: T::lu(&fresh)?,
+            factor: Factor::new(&fresh, &system.places, moving)?,
             matrix: fresh,
         }),
     };
-    let a = &*a;
-    let mut x = b.clone();
-    factor.solve(&mut x);
-    let mut r = residual(a, &x, &b);
-    factor.solve(&mut r);
-    let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
-    x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
-    // Judged on displacements alone: multipliers of dependent rows are hardly determined.
-    let changed = norm(&r[..moving]) > norm(&x[..moving]) * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
-    let r = residual(a, &x, &b);
-    let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
-    // The last bound keeps 0/0 out where there are no loads.
-    let relative = norm(&r) / (norm(&b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
-    // A singular matrix may show in the residual, in a refinement that changes the displacements too much, or
-    // in a solution that is larger than the right-hand side over round-off.
-    if !relative.is_finite()
-        || relative > T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
-        || changed
-        || norm(&x) > norm(&b) / T::epsilon()
-    {
+    let mut solution = refined(a, factor, &b, moving);
+    if !solution.sound && matches!(factor, Factor::Regular(_)) {
+        *factor = Factor::Pivoted(T::lu(a)?);
+        solution = refined(a, factor, &b, moving);
+    }
+    if !solution.sound {
         return Err(Error::SingularSystem {
             size: b.len(),
-            residual: relative.as_f64(),
+            residual: solution.residual.as_f64(),
             free: String::new(),
         });
     }
+    let mut x = solution.x;
     x.iter_mut().zip(&weight).for_each(|(x, w)| *x *= *w);
-    Ok((x, relative))
+    Ok((x, solution.residual))
+}
+
+/// Solution of a scaled system.
+struct Solution<T> {
+    x: Vec<T>,
+    /// Residual over the sum of the right-hand side and the largest entry times the solution.
+    residual: T,
+    /// True unless something shows that the matrix is singular.
+    sound: bool,
+}
+
+/// Solves with iterative refinement, until it no longer changes the displacements.
+fn refined<T: Real>(a: &CsMat<T>, factor: &mut Factor<T>, b: &[T], moving: usize) -> Solution<T> {
+    let norm = |v: &[T]| v.iter().fold(T::zero(), |s, x| s.max(x.abs()));
+    let mut x = b.to_vec();
+    factor.solve(&mut x);
+    let mut changed = true;
+    for _ in 0..factor.refinements() {
+        let mut r = residual(a, &x, b);
+        factor.solve(&mut r);
+        x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
+        let (change, size) = (norm(&r[..moving]), norm(&x[..moving]));
+        changed = change > size * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
+        if change <= size * T::epsilon() * T::of(8.0) {
+            break;
+        }
+    }
+    let r = residual(a, &x, b);
+    let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));
+    // The last bound keeps 0/0 out where there are no loads.
+    let relative = norm(&r) / (norm(b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
+    // A singular matrix may show in the residual, in a refinement that changes the displacements too much, or
+    // in a solution that is larger than the right-hand side over round-off.
+    let sound = relative.is_finite()
+        && relative <= T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
+        && !changed
+        && norm(&x) <= norm(b) / T::epsilon();
+    Solution {
+        x,
+        residual: relative,
+        sound,
+    }
 }
 
 fn residual<T: Real>(a: &CsMat<T>, x: &[T], b: &[T]) -> Vec<T> {

@@ -362,7 +362,7 @@ fn block<T: Real>(
     // A row that acts on nothing has the scale zero and no pivot.
     if entries <= LARGEST_FACTOR
         && scale.iter().all(|x| *x > T::zero())
-        && let Ok(mut factor) = T::cholesky(&scaled)
+        && let Ok(mut factor) = T::cholesky(&scaled, None)
     {
         let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
         if low > high * tolerance {
