@@ -39,7 +39,7 @@ const LEAST_PIVOT: f64 = 30.0 * REGULAR;
 const REFINEMENTS: usize = 20;
 
 /// Saddle-point system before prescribed unknowns are eliminated.
-struct System<T> {
+struct System<T: Real> {
     matrix: TriMat<T>,
     rhs: Vec<T>,
     fixed: Vec<bool>,
