@@ -46,10 +46,8 @@ impl<T: Real> Dissection<'_, T> {
         let places = self.places;
         // Unknowns of one place stay together, because ties go by number.
         let by_place = |a: &usize, b: &usize| {
-            let (x, y) = (places[*a][axis], places[*b][axis]);
-            x.partial_cmp(&y)
-                .unwrap_or(std::cmp::Ordering::Equal)
-                .then(a.cmp(b))
+            let [x, y] = [a, b].map(|k| places[*k][axis].as_f64());
+            x.total_cmp(&y).then(a.cmp(b))
         };
         unknowns.select_nth_unstable_by(middle, by_place);
         let (below, above) = unknowns.split_at_mut(middle);
@@ -110,7 +108,7 @@ mod tests {
         for (i, a) in places.iter().enumerate() {
             t.add_triplet(i, i, 6.1);
             for (j, b) in places.iter().enumerate() {
-                if (a - b).norm() == 1.0 {
+                if ((a - b).norm() - 1.0).abs() < 1e-9 {
                     t.add_triplet(i, j, -1.0);
                 }
             }
@@ -148,15 +146,29 @@ mod tests {
         assert!(3 * dissected < plain, "{dissected} against {plain}");
     }
 
-    #[test]
-    fn unknowns_at_one_place_are_ordered_all_the_same() {
-        let n = 1000;
+    /// Chain of unknowns, each with an entry for its neighbours.
+    fn chain(n: usize) -> CsMat<f64> {
         let mut t = TriMat::new((n, n));
         (0..n).for_each(|i| t.add_triplet(i, i, 1.0));
         (1..n).for_each(|i| t.add_triplet(i, i - 1, -0.1));
         (1..n).for_each(|i| t.add_triplet(i - 1, i, -0.1));
-        let mut order = order(&t.to_csc(), &vec![Point3::new(1.0, 2.0, 3.0); n]);
-        order.sort_unstable();
-        assert!(order.into_iter().eq(0..n));
+        t.to_csc()
+    }
+
+    #[test]
+    fn places_that_coincide_lie_on_a_line_or_are_no_numbers_give_an_order_all_the_same() {
+        let at = |k: usize| Point3::new(0.0, (k * 7919 % 1000) as f64, 0.0);
+        for n in [0, 1, 3, 1000] {
+            for places in [
+                vec![Point3::new(1.0, 2.0, 3.0); n],
+                (0..n).map(at).collect(),
+                (0..n).map(|k| at(k / 3)).collect(),
+                vec![Point3::new(f64::NAN, 0.0, 0.0); n],
+            ] {
+                let mut order = order(&chain(n), &places);
+                order.sort_unstable();
+                assert!(order.into_iter().eq(0..n), "{n} unknowns");
+            }
+        }
     }
 }

@@ -22,6 +22,9 @@ pub struct Equilibrium<T> {
     pub energy: T,
     /// Relative residual of the linear system.
     pub residual: T,
+    /// True if the system was solved by `L U` with partial pivoting, as in single precision, or because the
+    /// much cheaper `L D Lᵀ` without pivoting had a small pivot and was given up: a nearly free motion.
+    pub pivoted: bool,
 }
 
 /// Largest accepted relative residual of a solution.
@@ -122,7 +125,7 @@ impl<T: Real> Coupled<T> {
         let solved = solve_with_supports(&system, moving, &mut factored);
         self.factored = factored;
         // The solver knows no geometry, so free motions are named here.
-        let (q, residual) = solved.map_err(|e| match e {
+        let (q, residual, pivoted) = solved.map_err(|e| match e {
             Error::SingularSystem { size, residual, .. } => {
                 let free = self.free_motions();
                 let colon = if free.is_empty() { "" } else { ": " };
@@ -149,6 +152,7 @@ impl<T: Real> Coupled<T> {
             multipliers,
             energy,
             residual,
+            pivoted,
         })
     }
 
@@ -334,26 +338,26 @@ impl<T: Real> System<T> {
 }
 
 /// Eliminates prescribed unknowns, scales symmetrically and solves with iterative refinement; returns the
-/// solution and its relative residual. The first `moving` unknowns are displacements, the others multipliers.
+/// solution, its relative residual and whether the factor has pivoting. The first `moving` unknowns are displacements, the others multipliers.
 /// The matrix is factored only if it differs from that of `cache`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,
     cache: &mut Option<Factored<T>>,
-) -> Result<(Vec<T>, T)> {
+) -> Result<(Vec<T>, T, bool)> {
     let full = system.matrix.to_csr::<usize>();
     let weight = system.scaling(&full);
     let (fresh, b) = system.reduced(&full, &weight);
     let Factored { matrix: a, factor } = match cache.take() {
         // Equal to the last bit: load steps of a linear model repeat the same matrix.
         Some(known) if known.matrix == fresh => cache.insert(known),
-        // LU: multipliers make the matrix indefinite.
         _ => cache.insert(Factored {
             factor: Factor::new(&fresh, &system.places, moving)?,
             matrix: fresh,
         }),
     };
     let mut solution = refined(a, factor, &b, moving);
+    // Refused only by the factor that can tell a nearly singular system from a singular one.
     if !solution.sound && matches!(factor, Factor::Regular(_)) {
         *factor = Factor::Pivoted(T::lu(a)?);
         solution = refined(a, factor, &b, moving);
@@ -367,7 +371,7 @@ fn solve_with_supports<T: Real>(
     }
     let mut x = solution.x;
     x.iter_mut().zip(&weight).for_each(|(x, w)| *x *= *w);
-    Ok((x, solution.residual))
+    Ok((x, solution.residual, matches!(factor, Factor::Pivoted(_))))
 }
 
 /// Solution of a scaled system.
@@ -418,4 +422,73 @@ fn residual<T: Real>(a: &CsMat<T>, x: &[T], b: &[T]) -> Vec<T> {
         col.iter().for_each(|(i, v)| r[i] -= *v * x[j]);
     }
     r
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Chain of springs of stiffness one, whose first node is tied to the ground by a spring, and whose last
+    /// node is tied to the middle of a free pair by a multiplier.
+    fn chain(ground: f64) -> System<f64> {
+        let n = 40;
+        let mut system = System::new(n + 1);
+        let mut spring = |i: usize, j: usize, k: f64| {
+            for (a, b, v) in [(i, i, k), (j, j, k), (i, j, -k), (j, i, -k)] {
+                system.matrix.add_triplet(a, b, v);
+            }
+        };
+        (0..n / 2 - 1).for_each(|i| spring(i, i + 1, 1.0));
+        (n / 2..n - 1).for_each(|i| spring(i, i + 1, 2.0));
+        system.matrix.add_triplet(0, 0, ground);
+        for (i, sign) in [(n / 2 - 1, 1.0), (n / 2, -1.0)] {
+            system.matrix.add_triplet(i, n, sign);
+            system.matrix.add_triplet(n, i, sign);
+        }
+        system.rhs[n - 1] = 1.0;
+        system.scale = 2.0;
+        system.places = (0..=n).map(|i| Point3::new(i as f64, 0.0, 0.0)).collect();
+        system
+    }
+
+    fn solve(ground: f64) -> Result<(Vec<f64>, f64, bool)> {
+        solve_with_supports(&chain(ground), 40, &mut None)
+    }
+
+    #[test]
+    fn a_tied_chain_is_solved_without_pivoting_and_a_nearly_free_one_with_it() {
+        for (ground, wanted) in [(1.0, false), (1e-9, true)] {
+            let (x, residual, pivoted) = solve(ground).unwrap();
+            assert_eq!(pivoted, wanted, "{ground:e}");
+            assert!(residual < 1e-12, "{residual:e}");
+            // A unit force stretches the ground's spring, 19 springs of one and 19 of two.
+            for (i, exact) in [
+                (0, 1.0 / ground),
+                (19, 1.0 / ground + 19.0),
+                (39, 1.0 / ground + 28.5),
+            ] {
+                assert!((x[i] / exact - 1.0).abs() < 1e-5, "{x:?}");
+            }
+            assert!((x[40].abs() - 1.0).abs() < 1e-6, "multiplier {}", x[40]);
+        }
+    }
+
+    #[test]
+    fn a_free_chain_is_refused_as_singular() {
+        let error = solve(0.0).unwrap_err();
+        assert!(matches!(error, Error::SingularSystem { size: 41, .. }), "{error}");
+    }
+
+    #[test]
+    fn a_factor_is_kept_for_the_next_load_step() {
+        let (mut system, mut cache) = (chain(1.0), None);
+        let (first, ..) = solve_with_supports(&system, 40, &mut cache).unwrap();
+        system.rhs[39] = 2.0;
+        let (second, ..) = solve_with_supports(&system, 40, &mut cache).unwrap();
+        let apart = first
+            .iter()
+            .zip(&second)
+            .fold(0.0_f64, |m, (a, b)| m.max((2.0 * a - b).abs()));
+        assert!(apart < 1e-11, "{apart:e}");
+    }
 }

@@ -27,6 +27,7 @@ mod parts;
 mod rank;
 mod report;
 mod rows;
+mod selection;
 mod sides;
 mod solver;
 mod sums;

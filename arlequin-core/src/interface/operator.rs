@@ -5,6 +5,7 @@ use super::coupling::{operator, same_on_coupled};
 use super::iterated::{Apply, Iterated, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
+use super::selection;
 use super::sides::Sides;
 use super::transfer::Rows;
 use super::{Coupling, InterfaceOptions, Solver};
@@ -16,6 +17,11 @@ use sprs::{CsMat, TriMat};
 /// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8
 /// (decision 0030).
 const ITERATIONS: f64 = 7.0;
+/// Largest number of dependent multipliers per component that are solved for by eigenvectors.
+const FEW: usize = 400;
+/// Largest pivot of a dropped multiplier over the tolerance of the rank. A row is dropped whose distance from
+/// the kept ones is 1e-4 of its size at most; what small pivots divide then keeps twelve digits.
+const DROPPED: f64 = 100.0;
 /// Entries of the largest allowed factor: a gigabyte.
 const LARGEST_FACTOR: usize = 1 << 27;
 
@@ -26,6 +32,16 @@ enum Block<T: Real> {
     Factor {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
+    },
+    /// Cholesky factor of the rows and columns of independent multipliers, in the same scaling. The other
+    /// multipliers are zero.
+    Selected {
+        kept: Vec<usize>,
+        /// Scaling of the kept multipliers.
+        scale: Vec<T>,
+        factor: Box<dyn SpdFactor<T>>,
+        /// Right-hand sides of the kept multipliers, one after another (working buffer).
+        columns: Vec<T>,
     },
     /// Eigenvectors outside of the null space, each divided by the root of its eigenvalue, in the same
     /// scaling.
@@ -128,12 +144,14 @@ impl<T: Real> Operator<T> {
             };
             Iterated::new(apply, [rows, shared], wanted.options.solver.limits())
         });
-        // Eigenvectors are only in use where multipliers are dependent.
+        // Both are only in use where multipliers are dependent.
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
+        let selected = blocks.iter().any(|b| matches!(b.0, Block::Selected { .. }));
         Ok(Self {
             solver: match (exact, dependent) {
                 (false, _) => "conjugate gradients",
                 (true, _) if wanted.options.lumped => "lumped",
+                (true, _) if selected => "pivoted factor",
                 (true, true) => "eigenvectors",
                 (true, false) => "factor",
             },
@@ -177,7 +195,7 @@ impl<T: Real> Operator<T> {
 
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
-            Block::Factor { factor, .. } => factor.nonzeros(),
+            Block::Factor { factor, .. } | Block::Selected { factor, .. } => factor.nonzeros(),
             Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
@@ -243,6 +261,26 @@ impl<T: Real> Block<T> {
                 scaled(b, scale);
                 factor.solve(b);
                 scaled(b, scale);
+            }
+            Self::Selected {
+                kept,
+                scale,
+                factor,
+                columns,
+                ..
+            } => {
+                let count = kept.len();
+                let columns = &mut columns[..count * (b.len() / n)];
+                for (column, b) in columns.chunks_exact_mut(count).zip(b.chunks_exact(n)) {
+                    let values = kept.iter().zip(&*scale).map(|(i, s)| b[*i] * *s);
+                    column.iter_mut().zip(values).for_each(|(x, b)| *x = b);
+                }
+                factor.solve(columns);
+                b.fill(T::zero());
+                for (column, b) in columns.chunks_exact(count).zip(b.chunks_exact_mut(n)) {
+                    let kept = kept.iter().zip(&*scale).zip(column);
+                    kept.for_each(|((i, s), x)| b[*i] = *x * *s);
+                }
             }
             Self::Modes { scale, modes, work } => {
                 scaled(b, scale);
@@ -388,6 +426,13 @@ fn block<T: Real>(
             });
         }
     }
+    // Eigenvectors of many multipliers take longer to read than a factor.
+    if !chosen
+        && scaled.rows() > FEW
+        && let Some(outcome) = selected(s, &scaled, &scale, tolerance, per_node)
+    {
+        return Ok(outcome);
+    }
     // Too many for dense eigenvalues: iterations leave null modes alone.
     if scaled.rows() > rank::DENSE_LIMIT {
         let [low, high] = rank::range(&scaled, tolerance)?;
@@ -419,6 +464,60 @@ fn block<T: Real>(
         range: [low, high].map(T::as_f64),
         entries: None,
         null_modes: Some(analysis.null_modes),
+    })
+}
+
+/// Factors the rows and columns of independent multipliers. `None` if their choice or the factor takes too
+/// much, or if the solution does not satisfy the dropped rows.
+fn selected<T: Real>(
+    s: &CsMat<T>,
+    scaled: &CsMat<T>,
+    scale: &[T],
+    tolerance: T,
+    per_node: usize,
+) -> Option<Outcome<T>> {
+    let limit = tolerance * T::of(DROPPED);
+    let selection = selection::select(scaled, limit)?;
+    let kept = selection.kept;
+    let mut place = vec![None; s.rows()];
+    kept.iter().enumerate().for_each(|(k, i)| place[*i] = Some(k));
+    let mut t = TriMat::new((kept.len(), kept.len()));
+    for (v, (j, i)) in scaled.iter() {
+        if let (Some(i), Some(j)) = (place[i], place[j]) {
+            t.add_triplet(i, j, *v);
+        }
+    }
+    let inner: CsMat<T> = t.to_csc();
+    let entries = T::cholesky_entries(&inner);
+    if entries > LARGEST_FACTOR || kept.is_empty() {
+        return None;
+    }
+    let mut factor = T::cholesky(&inner, None).ok()?;
+    let [low, high] = rank::extremes(&inner, &mut |b| factor.solve(b));
+    let mut block = Block::Selected {
+        columns: vec![T::zero(); 3 * kept.len()],
+        scale: kept.iter().map(|i| scale[*i]).collect(),
+        kept,
+        factor,
+    };
+    let left = rank::residual(s, &mut |b| block.solve(b, s.rows()));
+    // Written so that a NaN is refused.
+    if !(low > high * tolerance && left <= limit.sqrt()) {
+        return None;
+    }
+    let [least, top] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
+    let null_mode = |(row, pivot): (usize, T)| NullMode {
+        node: row / per_node,
+        eigenvalue: pivot.max(T::zero()).as_f64(),
+    };
+    Some(Outcome {
+        block,
+        exact: true,
+        condition: top / least,
+        at_least: false,
+        range: [low, high].map(T::as_f64),
+        entries: Some(entries),
+        null_modes: Some(selection.dropped.into_iter().map(null_mode).collect()),
     })
 }
 

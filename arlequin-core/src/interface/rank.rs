@@ -66,6 +66,22 @@ pub(super) fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -
     [low, high]
 }
 
+/// Solves for a right-hand side in the range of `a` and returns the norm of the residual, relative to the
+/// right-hand side.
+pub(super) fn residual<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -> T {
+    let (n, norm) = (a.rows(), |v: &[T]| dot(v, v).sqrt());
+    let x: Vec<T> = (0..n).map(scattered).collect();
+    let (mut b, mut image) = (vec![T::zero(); n], vec![T::zero(); n]);
+    multiply(a, &x, &mut b);
+    let mut solution = b.clone();
+    solve(&mut solution);
+    multiply(a, &solution, &mut image);
+    image.iter_mut().zip(&b).for_each(|(r, b)| *r -= *b);
+    let left = norm(&image);
+    // Not `left > 0`: a NaN must stay one.
+    if left <= T::zero() { left } else { left / norm(&b) }
+}
+
 fn sign<T: Real>(i: usize) -> T {
     if (i * 2_654_435_761) & 4096 == 0 {
         T::one()
