@@ -439,7 +439,7 @@ mod tests {
         assert!((b[2] - 2.0 * third).abs() < 1e-12, "{b:?}");
         assert!(factor(1.0, 1e-14, 3).is_none(), "two pivots are positive");
         assert!(factor(1e-7, 1e-14, 2).is_none(), "a small pivot");
-        assert!(factor(-1.0, 1e-14, 2).is_none(), "an indefinite block");
+        assert!(factor(-3.0, 1e-14, 2).is_none(), "an indefinite block");
         assert!(factor(0.0, 0.0, 2).is_none(), "no pivot");
         assert!(f64::quasi_definite(&system(1.0, 1.0), &places[1..], 2, 1e-6).is_none());
     }

@@ -405,7 +405,9 @@ fn refined<T: Real>(a: &CsMat<T>, factor: &mut Factor<T>, b: &[T], moving: usize
     let relative = norm(&r) / (norm(b) + top * norm(&x)).max(T::epsilon() * T::epsilon());
     // A singular matrix may show in the residual, in a refinement that changes the displacements too much, or
     // in a solution that is larger than the right-hand side over round-off.
-    let sound = relative.is_finite()
+    // The largest entry of a vector passes over NaN, which a factor of a singular matrix can leave.
+    let sound = x.iter().all(|x| x.is_finite())
+        && relative.is_finite()
         && relative <= T::of(RESIDUAL_LIMIT).max(T::epsilon().sqrt())
         && !changed
         && norm(&x) <= norm(b) / T::epsilon();

@@ -27,6 +27,7 @@ mod parts;
 mod rank;
 mod report;
 mod rows;
+mod selected;
 mod selection;
 mod sides;
 mod solver;

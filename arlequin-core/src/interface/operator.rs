@@ -5,25 +5,22 @@ use super::coupling::{operator, same_on_coupled};
 use super::iterated::{Apply, Iterated, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
-use super::selection;
+use super::selected::Selected;
 use super::sides::Sides;
 use super::transfer::Rows;
 use super::{Coupling, InterfaceOptions, Solver};
 use crate::linalg::SpdFactor;
 use crate::scalar::dot;
 use crate::{Error, Real, Result};
-use sprs::{CsMat, TriMat};
+use sprs::CsMat;
 
 /// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8
 /// (decision 0030).
 const ITERATIONS: f64 = 7.0;
 /// Largest number of dependent multipliers per component that are solved for by eigenvectors.
 const FEW: usize = 400;
-/// Largest pivot of a dropped multiplier over the tolerance of the rank. A row is dropped whose distance from
-/// the kept ones is 1e-4 of its size at most; what small pivots divide then keeps twelve digits.
-const DROPPED: f64 = 100.0;
 /// Entries of the largest allowed factor: a gigabyte.
-const LARGEST_FACTOR: usize = 1 << 27;
+pub(super) const LARGEST_FACTOR: usize = 1 << 27;
 
 /// Exact or approximate inverse of one symmetric block of the operator.
 #[derive(Debug)]
@@ -33,16 +30,8 @@ enum Block<T: Real> {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
     },
-    /// Cholesky factor of the rows and columns of independent multipliers, in the same scaling. The other
-    /// multipliers are zero.
-    Selected {
-        kept: Vec<usize>,
-        /// Scaling of the kept multipliers.
-        scale: Vec<T>,
-        factor: Box<dyn SpdFactor<T>>,
-        /// Right-hand sides of the kept multipliers, one after another (working buffer).
-        columns: Vec<T>,
-    },
+    /// Cholesky factor of independent multipliers; the others are zero.
+    Selected(Selected<T>),
     /// Eigenvectors outside of the null space, each divided by the root of its eigenvalue, in the same
     /// scaling.
     Modes {
@@ -146,7 +135,7 @@ impl<T: Real> Operator<T> {
         });
         // Both are only in use where multipliers are dependent.
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
-        let selected = blocks.iter().any(|b| matches!(b.0, Block::Selected { .. }));
+        let selected = blocks.iter().any(|b| matches!(b.0, Block::Selected(_)));
         Ok(Self {
             solver: match (exact, dependent) {
                 (false, _) => "conjugate gradients",
@@ -195,7 +184,8 @@ impl<T: Real> Operator<T> {
 
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
-            Block::Factor { factor, .. } | Block::Selected { factor, .. } => factor.nonzeros(),
+            Block::Factor { factor, .. } => factor.nonzeros(),
+            Block::Selected(selected) => selected.nonzeros(),
             Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
@@ -262,26 +252,7 @@ impl<T: Real> Block<T> {
                 factor.solve(b);
                 scaled(b, scale);
             }
-            Self::Selected {
-                kept,
-                scale,
-                factor,
-                columns,
-                ..
-            } => {
-                let count = kept.len();
-                let columns = &mut columns[..count * (b.len() / n)];
-                for (column, b) in columns.chunks_exact_mut(count).zip(b.chunks_exact(n)) {
-                    let values = kept.iter().zip(&*scale).map(|(i, s)| b[*i] * *s);
-                    column.iter_mut().zip(values).for_each(|(x, b)| *x = b);
-                }
-                factor.solve(columns);
-                b.fill(T::zero());
-                for (column, b) in columns.chunks_exact(count).zip(b.chunks_exact_mut(n)) {
-                    let kept = kept.iter().zip(&*scale).zip(column);
-                    kept.for_each(|((i, s), x)| b[*i] = *x * *s);
-                }
-            }
+            Self::Selected(selected) => selected.solve(b, n),
             Self::Modes { scale, modes, work } => {
                 scaled(b, scale);
                 for b in b.chunks_exact_mut(n) {
@@ -389,7 +360,7 @@ fn block<T: Real>(
 ) -> Result<Outcome<T>> {
     let tolerance = options.rank_tolerance;
     // Equilibrated: multipliers at light and heavy nodes then count alike in the rank decision.
-    let (scaled, scale) = equilibrated(s);
+    let (scaled, scale) = rank::equilibrated(s);
     // Counted before it is made: a factor that is too large is never begun.
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
@@ -429,9 +400,9 @@ fn block<T: Real>(
     // Eigenvectors of many multipliers take longer to read than a factor.
     if !chosen
         && scaled.rows() > FEW
-        && let Some(outcome) = selected(s, &scaled, &scale, tolerance, per_node)
+        && let Some((selected, range, dropped)) = Selected::new(s, &scaled, &scale, tolerance)
     {
-        return Ok(outcome);
+        return Ok(selected_outcome(s, selected, range, dropped, per_node));
     }
     // Too many for dense eigenvalues: iterations leave null modes alone.
     if scaled.rows() > rank::DENSE_LIMIT {
@@ -467,83 +438,28 @@ fn block<T: Real>(
     })
 }
 
-/// Factors the rows and columns of independent multipliers. `None` if their choice or the factor takes too
-/// much, or if the solution does not satisfy the dropped rows.
-fn selected<T: Real>(
+fn selected_outcome<T: Real>(
     s: &CsMat<T>,
-    scaled: &CsMat<T>,
-    scale: &[T],
-    tolerance: T,
+    mut selected: Selected<T>,
+    range: [T; 2],
+    dropped: Vec<(usize, T)>,
     per_node: usize,
-) -> Option<Outcome<T>> {
-    let limit = tolerance * T::of(DROPPED);
-    let selection = selection::select(scaled, limit)?;
-    let kept = selection.kept;
-    let mut place = vec![None; s.rows()];
-    kept.iter().enumerate().for_each(|(k, i)| place[*i] = Some(k));
-    let mut t = TriMat::new((kept.len(), kept.len()));
-    for (v, (j, i)) in scaled.iter() {
-        if let (Some(i), Some(j)) = (place[i], place[j]) {
-            t.add_triplet(i, j, *v);
-        }
-    }
-    let inner: CsMat<T> = t.to_csc();
-    let entries = T::cholesky_entries(&inner);
-    if entries > LARGEST_FACTOR || kept.is_empty() {
-        return None;
-    }
-    let mut factor = T::cholesky(&inner, None).ok()?;
-    let [low, high] = rank::extremes(&inner, &mut |b| factor.solve(b));
-    let mut block = Block::Selected {
-        columns: vec![T::zero(); 3 * kept.len()],
-        scale: kept.iter().map(|i| scale[*i]).collect(),
-        kept,
-        factor,
-    };
-    let left = rank::residual(s, &mut |b| block.solve(b, s.rows()));
-    // Written so that a NaN is refused.
-    if !(low > high * tolerance && left <= limit.sqrt()) {
-        return None;
-    }
-    let [least, top] = rank::extremes(s, &mut |b| block.solve(b, s.rows()));
+) -> Outcome<T> {
+    // Solutions are zero in dropped rows, so the smallest eigenvalue is that of the kept ones.
+    let [low, high] = rank::extremes(s, &mut |b| selected.solve(b, s.rows()));
     let null_mode = |(row, pivot): (usize, T)| NullMode {
         node: row / per_node,
         eigenvalue: pivot.max(T::zero()).as_f64(),
     };
-    Some(Outcome {
-        block,
+    Outcome {
         exact: true,
-        condition: top / least,
+        condition: high / low,
         at_least: false,
-        range: [low, high].map(T::as_f64),
-        entries: Some(entries),
-        null_modes: Some(selection.dropped.into_iter().map(null_mode).collect()),
-    })
-}
-
-/// Returns a copy scaled to a unit diagonal, and the scaling. Rows that act on nothing get a zero scale.
-fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
-    let n = s.rows();
-    let diagonal: Vec<T> = (0..n)
-        .map(|i| s.get(i, i).copied().unwrap_or_else(T::zero))
-        .collect();
-    let top = diagonal.iter().fold(T::zero(), |a, b| a.max(*b));
-    // A diagonal of round-off would scale noise up to one.
-    let floor = top * T::epsilon() * T::of(16.0);
-    let scale: Vec<T> = diagonal
-        .iter()
-        .map(|d| {
-            if *d > floor {
-                T::one() / d.sqrt()
-            } else {
-                T::zero()
-            }
-        })
-        .collect();
-    let mut t = TriMat::with_capacity((n, n), s.nnz());
-    s.iter()
-        .for_each(|(v, (j, i))| t.add_triplet(i, j, *v * scale[i] * scale[j]));
-    (t.to_csc(), scale)
+        range: range.map(T::as_f64),
+        entries: Some(selected.nonzeros()),
+        block: Block::Selected(selected),
+        null_modes: Some(dropped.into_iter().map(null_mode).collect()),
+    }
 }
 
 /// Replaces the operator by its row sums, which are positive for the L2 junction.

@@ -8,7 +8,7 @@
 use crate::{Real, interrupt};
 use sprs::CsMat;
 
-/// Largest number of multiplications of a selection: some ten seconds.
+/// Largest number of multiplications of a selection: some twenty seconds.
 const MOST_WORK: usize = 10_000_000_000;
 
 /// Independent multipliers and those that depend on them.
