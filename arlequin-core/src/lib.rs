@@ -58,6 +58,7 @@ pub mod advice;
 pub mod blocks;
 pub mod conformance;
 mod coupled;
+mod dissection;
 pub mod effect;
 mod energy_release;
 mod error;

@@ -401,6 +401,12 @@ pub trait FineModel<T: Real>: Model<T> {
     fn fine_field(&self) -> Arc<dyn Interpolation<T>>;
 }
 
+/// Returns the place of the node of every unknown \[m\].
+pub(crate) fn unknown_places<T: Real>(model: &dyn Model<T>) -> Vec<Point3<T>> {
+    let (layout, nodes) = (model.layout(), model.nodes());
+    (0..layout.dofs()).map(|d| nodes[layout.node_of(d)]).collect()
+}
+
 /// Checks that a slice holds one value per unknown of a model; for implementers of [`Model`].
 ///
 /// # Errors

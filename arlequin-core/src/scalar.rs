@@ -2,6 +2,7 @@
 
 use crate::linalg::{self, DenseEigen, SpdFactor, SquareFactor};
 use crate::{Error, Result};
+use nalgebra::Point3;
 use sprs::CsMat;
 
 /// Real numbers the workspace computes with; implemented for `f32` and `f64` only.
@@ -29,11 +30,23 @@ pub trait Real:
     /// Distance between one and the next larger number.
     fn epsilon() -> Self;
 
-    /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored).
+    /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored). With the place of
+    /// each unknown \[m\], the order of elimination follows from nested dissection of the places, which makes
+    /// factors of solids several times cheaper. Places of another number than unknowns are ignored.
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] with the pivot at which the factorisation broke down.
-    fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>>;
+    fn cholesky(matrix: &CsMat<Self>, places: Option<&[Point3<Self>]>) -> Result<Box<dyn SpdFactor<Self>>>;
+
+    /// Factor `L D Lᵀ` without pivoting of a symmetric matrix (both triangles stored) with a positive and a
+    /// negative definite diagonal block, in the order of [`Self::cholesky`]. `None` unless exactly `positive`
+    /// pivots are positive, each at least `least`.
+    fn quasi_definite(
+        matrix: &CsMat<Self>,
+        places: &[Point3<Self>],
+        positive: usize,
+        least: Self,
+    ) -> Option<Box<dyn SpdFactor<Self>>>;
 
     /// Number of entries that the Cholesky factor will have.
     fn cholesky_entries(matrix: &CsMat<Self>) -> usize;
@@ -73,8 +86,19 @@ macro_rules! real {
             fn epsilon() -> Self {
                 Self::EPSILON
             }
-            fn cholesky(matrix: &CsMat<Self>) -> Result<Box<dyn SpdFactor<Self>>> {
-                linalg::cholesky(matrix)
+            fn cholesky(
+                matrix: &CsMat<Self>,
+                places: Option<&[Point3<Self>]>,
+            ) -> Result<Box<dyn SpdFactor<Self>>> {
+                linalg::cholesky(matrix, places)
+            }
+            fn quasi_definite(
+                matrix: &CsMat<Self>,
+                places: &[Point3<Self>],
+                positive: usize,
+                least: Self,
+            ) -> Option<Box<dyn SpdFactor<Self>>> {
+                linalg::quasi_definite(matrix, places, positive, least)
             }
             fn cholesky_entries(matrix: &CsMat<Self>) -> usize {
                 linalg::cholesky_entries(matrix)

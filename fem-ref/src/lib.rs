@@ -28,7 +28,7 @@
 //! for dof in clamped.iter().flat_map(|n| 3 * n..3 * n + 3) {
 //!     support.add_triplet(dof, dof, 1e16);
 //! }
-//! f64::cholesky(&(&model.stiffness() + &support.to_csr()))?.solve(&mut u);
+//! f64::cholesky(&(&model.stiffness() + &support.to_csr()), None)?.solve(&mut u);
 //! let tip = pulled[0].nodes[0];
 //! assert!((u[3 * tip] / 0.08775e-3 - 1.0).abs() < 0.01);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

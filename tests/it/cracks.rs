@@ -44,7 +44,7 @@ fn elongation<M: LinearModel<f64> + Model<f64>>(model: &M, facets: &[SurfaceFace
     held.iter().for_each(|&i| k.add_triplet(i, i, 1.0));
     let mut u = f.clone();
     held.iter().for_each(|&i| u[i] = 0.0);
-    f64::cholesky(&k.to_csr()).unwrap().solve(&mut u);
+    f64::cholesky(&k.to_csr(), None).unwrap().solve(&mut u);
     f.iter().zip(&u).map(|(f, u)| f * u).sum::<f64>() / (SIZE[1] * SIZE[2])
 }
 

@@ -227,7 +227,7 @@ fn pulled(model: &CnemModel, size: [f64; 3]) -> (Vec<f64>, f64) {
     held.iter().for_each(|&i| k.add_triplet(i, i, steel().young()));
     let mut u = f.clone();
     held.iter().for_each(|&i| u[i] = 0.0);
-    f64::cholesky(&k.to_csr()).unwrap().solve(&mut u);
+    f64::cholesky(&k.to_csr(), None).unwrap().solve(&mut u);
     let work = f.iter().zip(&u).map(|(f, u)| f * u).sum();
     (u, work)
 }

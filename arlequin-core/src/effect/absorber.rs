@@ -98,7 +98,7 @@ impl<T: Real> AttachedAbsorber<T> {
             damped: rows(&gram(n, |i| mass[i][1])),
             scatter: rows(n),
             // No factor: the resolved space is not coarser than the model.
-            factor: T::cholesky(&gram(n, |i| mass[i][0]).to_csc()).ok()?,
+            factor: T::cholesky(&gram(n, |i| mass[i][0]).to_csc(), None).ok()?,
             local: zeros(2 * nodes.len()),
             coarse: zeros(2 * n.cols()),
             resolved: zeros(n.cols()),

@@ -27,6 +27,8 @@ mod parts;
 mod rank;
 mod report;
 mod rows;
+mod selected;
+mod selection;
 mod sides;
 mod solver;
 mod sums;

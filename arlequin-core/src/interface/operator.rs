@@ -5,19 +5,22 @@ use super::coupling::{operator, same_on_coupled};
 use super::iterated::{Apply, Iterated, Precondition};
 use super::parts::Parts;
 use super::rank::{self, NullMode};
+use super::selected::Selected;
 use super::sides::Sides;
 use super::transfer::Rows;
 use super::{Coupling, InterfaceOptions, Solver};
 use crate::linalg::SpdFactor;
 use crate::scalar::dot;
 use crate::{Error, Real, Result};
-use sprs::{CsMat, TriMat};
+use sprs::CsMat;
 
 /// Iterations of conjugate gradients over the root of the condition number: to 1e-12 they took 5 to 8
 /// (decision 0030).
 const ITERATIONS: f64 = 7.0;
+/// Largest number of dependent multipliers per component that are solved for by eigenvectors.
+const FEW: usize = 400;
 /// Entries of the largest allowed factor: a gigabyte.
-const LARGEST_FACTOR: usize = 1 << 27;
+pub(super) const LARGEST_FACTOR: usize = 1 << 27;
 
 /// Exact or approximate inverse of one symmetric block of the operator.
 #[derive(Debug)]
@@ -27,6 +30,8 @@ enum Block<T: Real> {
         scale: Vec<T>,
         factor: Box<dyn SpdFactor<T>>,
     },
+    /// Cholesky factor of independent multipliers; the others are zero.
+    Selected(Selected<T>),
     /// Eigenvectors outside of the null space, each divided by the root of its eigenvalue, in the same
     /// scaling.
     Modes {
@@ -128,12 +133,14 @@ impl<T: Real> Operator<T> {
             };
             Iterated::new(apply, [rows, shared], wanted.options.solver.limits())
         });
-        // Eigenvectors are only in use where multipliers are dependent.
+        // Both are only in use where multipliers are dependent.
         let dependent = blocks.iter().any(|b| matches!(b.0, Block::Modes { .. }));
+        let selected = blocks.iter().any(|b| matches!(b.0, Block::Selected(_)));
         Ok(Self {
             solver: match (exact, dependent) {
                 (false, _) => "conjugate gradients",
                 (true, _) if wanted.options.lumped => "lumped",
+                (true, _) if selected => "pivoted factor",
                 (true, true) => "eigenvectors",
                 (true, false) => "factor",
             },
@@ -178,6 +185,7 @@ impl<T: Real> Operator<T> {
     pub(super) fn nonzeros(&self) -> usize {
         let count = |b: &Block<T>| match b {
             Block::Factor { factor, .. } => factor.nonzeros(),
+            Block::Selected(selected) => selected.nonzeros(),
             Block::Modes { modes, .. } => modes.len(),
             Block::Diagonal { inverse } => inverse.len(),
         };
@@ -244,6 +252,7 @@ impl<T: Real> Block<T> {
                 factor.solve(b);
                 scaled(b, scale);
             }
+            Self::Selected(selected) => selected.solve(b, n),
             Self::Modes { scale, modes, work } => {
                 scaled(b, scale);
                 for b in b.chunks_exact_mut(n) {
@@ -351,7 +360,7 @@ fn block<T: Real>(
 ) -> Result<Outcome<T>> {
     let tolerance = options.rank_tolerance;
     // Equilibrated: multipliers at light and heavy nodes then count alike in the rank decision.
-    let (scaled, scale) = equilibrated(s);
+    let (scaled, scale) = rank::equilibrated(s);
     // Counted before it is made: a factor that is too large is never begun.
     let entries = T::cholesky_entries(&scaled);
     let chosen = options.solver.iterates();
@@ -362,7 +371,7 @@ fn block<T: Real>(
     // A row that acts on nothing has the scale zero and no pivot.
     if entries <= LARGEST_FACTOR
         && scale.iter().all(|x| *x > T::zero())
-        && let Ok(mut factor) = T::cholesky(&scaled)
+        && let Ok(mut factor) = T::cholesky(&scaled, None)
     {
         let [low, high] = rank::extremes(&scaled, &mut |b| factor.solve(b));
         if low > high * tolerance {
@@ -387,6 +396,13 @@ fn block<T: Real>(
                 null_modes: Some(Vec::new()),
             });
         }
+    }
+    // Eigenvectors of many multipliers take longer to read than a factor.
+    if !chosen
+        && scaled.rows() > FEW
+        && let Some((selected, range, dropped)) = Selected::new(s, &scaled, &scale, tolerance)
+    {
+        return Ok(selected_outcome(s, selected, range, dropped, per_node));
     }
     // Too many for dense eigenvalues: iterations leave null modes alone.
     if scaled.rows() > rank::DENSE_LIMIT {
@@ -422,29 +438,28 @@ fn block<T: Real>(
     })
 }
 
-/// Returns a copy scaled to a unit diagonal, and the scaling. Rows that act on nothing get a zero scale.
-fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
-    let n = s.rows();
-    let diagonal: Vec<T> = (0..n)
-        .map(|i| s.get(i, i).copied().unwrap_or_else(T::zero))
-        .collect();
-    let top = diagonal.iter().fold(T::zero(), |a, b| a.max(*b));
-    // A diagonal of round-off would scale noise up to one.
-    let floor = top * T::epsilon() * T::of(16.0);
-    let scale: Vec<T> = diagonal
-        .iter()
-        .map(|d| {
-            if *d > floor {
-                T::one() / d.sqrt()
-            } else {
-                T::zero()
-            }
-        })
-        .collect();
-    let mut t = TriMat::with_capacity((n, n), s.nnz());
-    s.iter()
-        .for_each(|(v, (j, i))| t.add_triplet(i, j, *v * scale[i] * scale[j]));
-    (t.to_csc(), scale)
+fn selected_outcome<T: Real>(
+    s: &CsMat<T>,
+    mut selected: Selected<T>,
+    range: [T; 2],
+    dropped: Vec<(usize, T)>,
+    per_node: usize,
+) -> Outcome<T> {
+    // Solutions are zero in dropped rows, so the smallest eigenvalue is that of the kept ones.
+    let [low, high] = rank::extremes(s, &mut |b| selected.solve(b, s.rows()));
+    let null_mode = |(row, pivot): (usize, T)| NullMode {
+        node: row / per_node,
+        eigenvalue: pivot.max(T::zero()).as_f64(),
+    };
+    Outcome {
+        exact: true,
+        condition: high / low,
+        at_least: false,
+        range: range.map(T::as_f64),
+        entries: Some(selected.nonzeros()),
+        block: Block::Selected(selected),
+        null_modes: Some(dropped.into_iter().map(null_mode).collect()),
+    }
 }
 
 /// Replaces the operator by its row sums, which are positive for the L2 junction.

@@ -2,7 +2,7 @@
 
 use crate::scalar::dot;
 use crate::{Real, Result};
-use sprs::CsMat;
+use sprs::{CsMat, TriMat};
 
 /// Largest number of dependent multipliers resolved by dense eigenvalues (a second or two).
 pub(super) const DENSE_LIMIT: usize = 2000;
@@ -24,6 +24,31 @@ fn multiply<T: Real>(a: &CsMat<T>, x: &[T], out: &mut [T]) {
     for (j, col) in a.outer_iterator().enumerate() {
         col.iter().for_each(|(i, v)| out[i] += *v * x[j]);
     }
+}
+
+/// Returns a copy scaled to a unit diagonal, and the scaling. Rows that act on nothing get a zero scale.
+pub(super) fn equilibrated<T: Real>(s: &CsMat<T>) -> (CsMat<T>, Vec<T>) {
+    let n = s.rows();
+    let diagonal: Vec<T> = (0..n)
+        .map(|i| s.get(i, i).copied().unwrap_or_else(T::zero))
+        .collect();
+    let top = diagonal.iter().fold(T::zero(), |a, b| a.max(*b));
+    // A diagonal of round-off would scale noise up to one.
+    let floor = top * T::epsilon() * T::of(16.0);
+    let scale: Vec<T> = diagonal
+        .iter()
+        .map(|d| {
+            if *d > floor {
+                T::one() / d.sqrt()
+            } else {
+                T::zero()
+            }
+        })
+        .collect();
+    let mut t = TriMat::with_capacity((n, n), s.nnz());
+    s.iter()
+        .for_each(|(v, (j, i))| t.add_triplet(i, j, *v * scale[i] * scale[j]));
+    (t.to_csc(), scale)
 }
 
 /// Computes the smallest and largest eigenvalue by (inverse) power iteration.
@@ -64,6 +89,22 @@ pub(super) fn extremes<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -
         T::zero()
     };
     [low, high]
+}
+
+/// Solves for a right-hand side in the range of `a` and returns the norm of the residual, relative to the
+/// right-hand side.
+pub(super) fn residual<T: Real>(a: &CsMat<T>, solve: &mut dyn FnMut(&mut [T])) -> T {
+    let (n, norm) = (a.rows(), |v: &[T]| dot(v, v).sqrt());
+    let x: Vec<T> = (0..n).map(scattered).collect();
+    let (mut b, mut image) = (vec![T::zero(); n], vec![T::zero(); n]);
+    multiply(a, &x, &mut b);
+    let mut solution = b.clone();
+    solve(&mut solution);
+    multiply(a, &solution, &mut image);
+    image.iter_mut().zip(&b).for_each(|(r, b)| *r -= *b);
+    let left = norm(&image);
+    // Not `left > 0`: a NaN must stay one.
+    if left <= T::zero() { left } else { left / norm(&b) }
 }
 
 fn sign<T: Real>(i: usize) -> T {
@@ -188,7 +229,6 @@ fn scattered<T: Real>(i: usize) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sprs::TriMat;
 
     /// Returns `B Bᵀ` of a banded `B`, scaled to a unit diagonal, with every ninth row acting on nothing.
     fn operator(rows: usize, columns: usize) -> CsMat<f64> {

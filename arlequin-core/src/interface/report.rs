@@ -13,13 +13,14 @@ pub struct InterfaceReport {
     pub multipliers: usize,
     /// Number of independent multipliers; all of them if the rank is not known (a warning says so).
     pub rank: usize,
-    /// Solver in use: `factor`, `eigenvectors` (dependent multipliers), `conjugate gradients` or `lumped`.
+    /// Solver in use: `factor`, `eigenvectors` or `pivoted factor` (dependent multipliers), `conjugate
+    /// gradients` or `lumped`.
     pub solver: &'static str,
     /// Condition number of the operator, by power iteration. Without a factor: that of the non-zero modes of
     /// the operator scaled to a unit diagonal.
     pub condition: f64,
-    /// True if `condition` is a lower bound: beyond 2 000 dependent multipliers per component the smallest
-    /// eigenvalue is only known from above.
+    /// True if `condition` is a lower bound: where iterations solve for more than 2 000 dependent multipliers
+    /// per component, the smallest eigenvalue is only known from above.
     pub condition_at_least: bool,
     /// Measure of the overlap \[m³\].
     pub measure: f64,

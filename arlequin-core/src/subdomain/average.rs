@@ -11,6 +11,7 @@ use super::{Stepper, Subdomain};
 use crate::effect::{Attached, Effect, Instant};
 use crate::linalg::SpdFactor;
 use crate::model::State;
+use crate::model::unknown_places;
 use crate::weight::Weighting;
 use crate::{Error, Real, Result, parallel};
 use sprs::TriMat;
@@ -89,7 +90,8 @@ impl<T: Real> Subdomain<T> {
             // Prescribed unknowns have a row of the identity and zero on the right-hand side.
             matrix.add_triplet(i, i, if free(i) { *m } else { T::one() });
         }
-        let factor = T::cholesky(&matrix.to_csc()).map_err(|e| Error::Unsupported {
+        let places = unknown_places(&*self.model);
+        let factor = T::cholesky(&matrix.to_csc(), Some(&places)).map_err(|e| Error::Unsupported {
             model: self.model.name().to_owned(),
             what: format!(
                 "step implicitly by {:e} s: of M + Δt²/4 K, {e}; take a shorter step of the run",

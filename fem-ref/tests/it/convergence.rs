@@ -142,7 +142,7 @@ fn axial_frequencies(shape: &Cylinder<f64>, kind: ElementKind) -> (usize, [f64; 
 }
 
 fn inverse_iteration(k: &CsMat<f64>, m: &[f64], block: &mut [Vec<f64>; 3]) -> [f64; 3] {
-    let mut factor = f64::cholesky(k).unwrap();
+    let mut factor = f64::cholesky(k, None).unwrap();
     let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).zip(m).map(|((a, b), m)| a * b * m).sum() };
     let mut values = [0.0; 3];
     for _ in 0..60 {

@@ -133,7 +133,7 @@ pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
             .map(|(j, v)| v * u[j])
             .sum::<f64>();
     }
-    f64::cholesky(&kff).unwrap().solve(&mut b);
+    f64::cholesky(&kff, None).unwrap().solve(&mut b);
     free.iter().zip(b).for_each(|(&i, x)| u[i] = x);
 }
 
@@ -143,7 +143,7 @@ pub(crate) fn lowest(k: &CsMat<f64>, mass: &[f64], fixed: &[bool], count: usize)
     let (kff, free) = free_part(k, fixed);
     let m: Vec<f64> = free.iter().map(|&i| mass[i]).collect();
     let n = free.len();
-    let mut factor = f64::cholesky(&kff).unwrap();
+    let mut factor = f64::cholesky(&kff, None).unwrap();
     let mut next = noise(5);
     let size = count + 8;
     let mut x: Vec<Vec<f64>> = (0..size).map(|_| (0..n).map(|_| next()).collect()).collect();

@@ -60,7 +60,7 @@ pub(crate) fn solve(k: &CsMat<f64>, fixed: &[bool], f: &[f64], u: &mut [f64]) {
             .map(|(j, v)| v * u[j])
             .sum::<f64>();
     }
-    f64::cholesky(&kff).unwrap().solve(&mut b);
+    f64::cholesky(&kff, None).unwrap().solve(&mut b);
     free.iter().zip(b).for_each(|(&i, x)| u[i] = x);
 }
 

@@ -226,7 +226,7 @@ impl<'a> Twin<'a> {
                 (row, column) => matrix.add_triplet(row, column, if r == c { v * (1.0 + 1e-9) } else { *v }),
             }
         }
-        let mut factor = f64::cholesky(&matrix.to_csr()).map_err(core(self.key))?;
+        let mut factor = f64::cholesky(&matrix.to_csr(), None).map_err(core(self.key))?;
         factor.solve(&mut sides);
         for (field, solved) in fields.iter_mut().zip(sides.chunks(free.len())) {
             free.iter().zip(solved).for_each(|(r, u)| field[*r] = *u);
