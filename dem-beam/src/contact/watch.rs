@@ -12,6 +12,7 @@ use super::grains::Grains;
 use super::neighbours::{Candidate, distance};
 use crate::packing::cells::Sphere;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Particles whose displacements are bounded together; they are numbered for locality.
 const BLOCK: usize = 64;
@@ -30,13 +31,25 @@ type Span = [[f64; 3]; 2];
 
 const NOWHERE: Span = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
+/// Growth of the diagonal of a box over that of its sides at one end: `2 √3`, rounded up.
+const DIAGONAL: f64 = 3.5;
+
 /// Consecutive pairs of the list.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Group {
-    /// End of its blocks in [`Watch::blocks_of`].
-    end: usize,
+    /// Places of its blocks in [`Watch::blocks_of`].
+    blocks: Range<usize>,
     /// A lower bound of the gaps at the last measurement \[m\].
     least: f64,
+    /// Value of [`Watch::crept`] up to which no pair can have closed \[m\].
+    due: f64,
+}
+
+impl Group {
+    /// Has at least one pair looked at in every step.
+    fn wake(&mut self) {
+        (self.least, self.due) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+    }
 }
 
 /// Lower bounds of the gaps of a list.
@@ -60,6 +73,8 @@ pub(super) struct Watch {
     blocks_of: Vec<u32>,
     /// Motion of each block since the last measurement.
     moved: Vec<Span>,
+    /// Sum over the steps of the most by which a diagonal can have grown since the last measurement \[m\].
+    crept: f64,
     /// Number of pairs looked at in vain since the last measurement.
     in_vain: usize,
     /// Pairs that push, with their overlaps \[m\], and pairs that pushed before, in the order of the list.
@@ -99,13 +114,15 @@ impl Watch {
             return false;
         }
         let (first, second) = self.moved.split_at_mut(blocks(grains)[0]);
+        let mut grown = 0.0_f64;
         for ((moved, q), (from, g)) in [first, second]
             .into_iter()
             .zip(q)
             .zip(self.measured_at.iter().zip(&*grains))
         {
-            motions(moved, &q[..3 * g.len()], from);
+            grown = grown.max(motions(moved, &q[..3 * g.len()], from));
         }
+        self.crept += DIAGONAL * grown;
         !self.is_stale(grains, q, skin, built)
     }
 
@@ -181,6 +198,7 @@ impl Watch {
         }
         for (g, gaps) in self.groups.iter_mut().zip(self.gaps.chunks(GROUP)) {
             g.least = gaps.iter().fold(f64::INFINITY, |m, x| m.min(*x));
+            g.due = g.least;
         }
         self.strayed.clear();
         let (mut extent, mut built) = (0.0_f64, built);
@@ -196,9 +214,10 @@ impl Watch {
                 extent = places.fold(extent, |m, x| m.max(x.abs()));
             }
         }
-        self.moved.resize(split + others, NOWHERE);
+        self.moved.clear();
+        self.moved.resize(split + others, [[0.0; 3]; 2]);
         self.round_off = ROUND_OFF[1] * (extent + skin);
-        (self.search, self.in_vain) = (search, 0);
+        (self.search, self.in_vain, self.crept) = (search, 0, 0.0);
     }
 
     /// Groups the pairs of a list; the blocks of second ends begin at number `second`.
@@ -216,8 +235,9 @@ impl Watch {
                     }
                 }
             }
-            let end = self.blocks_of.len();
-            self.groups.push(Group { end, least: 0.0 });
+            let blocks = start..self.blocks_of.len();
+            let (least, due) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+            self.groups.push(Group { blocks, least, due });
         }
     }
 
@@ -226,32 +246,42 @@ impl Watch {
     pub(super) fn measure_due(&mut self, grains: &mut [Grains], q: &[&[f64]], pairs: &[Candidate]) {
         // Pairs of bonds that have broken since are always looked at; the last group may hold some of them.
         if let (true, Some(g)) = (pairs.len() > self.grouped, self.groups.last_mut()) {
-            g.least = f64::NEG_INFINITY;
+            g.wake();
         }
         self.gaps.resize(pairs.len(), f64::NEG_INFINITY);
         self.touching.clear();
-        let mut start = 0;
         for n in 0..pairs.len().div_ceil(GROUP) {
-            let closest = match self.groups.get(n) {
-                Some(g) => {
-                    let near = self.blocks_of[start..g.end].iter();
-                    start = g.end;
-                    let around = near.fold(NOWHERE, |a, b| joined(a, &self.moved[*b as usize]));
-                    let shift = norm([0, 1, 2].map(|c| around[1][c] - around[0][c]));
-                    shift * (1.0 + ROUND_OFF[0]) + self.round_off
+            let Some(closest) = self.approach(n) else { continue };
+            let range = n * GROUP..pairs.len().min((n + 1) * GROUP);
+            for (k, pair) in range.clone().zip(&pairs[range]) {
+                if self.gaps[k] > closest {
+                    continue;
                 }
-                None => f64::INFINITY,
-            };
-            if self.groups.get(n).is_some_and(|g| g.least > closest) {
-                continue;
-            }
-            for k in n * GROUP..pairs.len().min((n + 1) * GROUP) {
-                // Not `<=`: a bound that is not a number proves nothing.
-                if !(self.gaps[k] > closest) {
-                    self.look_at(k, n, grains, q, &pairs[k]);
-                }
+                self.look_at(k, n, grains, q, pair);
             }
         }
+    }
+
+    /// By how much pairs of group `n` can have approached each other since all were measured \[m\]; `None` if
+    /// none of them can have closed.
+    fn approach(&mut self, n: usize) -> Option<f64> {
+        let Some(g) = self.groups.get_mut(n) else {
+            return Some(f64::INFINITY);
+        };
+        let crept = self.crept * (1.0 + ROUND_OFF[0]) + self.round_off;
+        if g.due > crept {
+            return None;
+        }
+        let near = self.blocks_of[g.blocks.clone()].iter();
+        let around = near.fold(NOWHERE, |a, b| joined(a, &self.moved[*b as usize]));
+        let shift = norm([0, 1, 2].map(|c| around[1][c] - around[0][c]));
+        let closest = shift * (1.0 + ROUND_OFF[0]) + self.round_off;
+        if g.least > closest {
+            // The fastest particles must creep that far before the gap that is left can close.
+            g.due = crept + (g.least - closest);
+            return None;
+        }
+        Some(closest)
     }
 
     fn look_at(&mut self, k: usize, group: usize, grains: &mut [Grains], q: &[&[f64]], pair: &Candidate) {
@@ -267,7 +297,7 @@ impl Watch {
             self.touching.push((k, overlap));
             self.gaps[k] = f64::NEG_INFINITY;
             if let Some(g) = self.groups.get_mut(group) {
-                g.least = f64::NEG_INFINITY;
+                g.wake();
             }
         }
     }
@@ -291,17 +321,24 @@ fn joined([low, high]: Span, other: &Span) -> Span {
     ]
 }
 
-/// Writes the motion of every block from the displacements `from` to `q`.
-fn motions(moved: &mut [Span], q: &[f64], from: &[f64]) {
-    let motion = |(moved, (q, from)): (&mut Span, (&[f64], &[f64]))| *moved = motion(q, from);
+/// Writes the motion of every block from the displacements `from` to `q`. Returns the most by which a side of
+/// a box has moved outwards \[m\].
+fn motions(moved: &mut [Span], q: &[f64], from: &[f64]) -> f64 {
+    let motion = |(moved, (q, from)): (&mut Span, (&[f64], &[f64]))| {
+        let [low, high] = std::mem::replace(moved, motion(q, from));
+        (0..3).fold(0.0_f64, |m, c| {
+            m.max(low[c] - moved[0][c]).max(moved[1][c] - high[c])
+        })
+    };
     let size = 3 * BLOCK;
     if moved.len() > 2 * CHUNK[1] && rayon::current_num_threads() > 1 {
         let places = q.par_chunks(size).zip(from.par_chunks(size));
         let blocks = moved.par_iter_mut().zip(places);
-        blocks.with_min_len(CHUNK[1]).for_each(motion);
+        let grown = blocks.with_min_len(CHUNK[1]).map(motion);
+        grown.reduce(|| 0.0, f64::max)
     } else {
         let places = q.chunks(size).zip(from.chunks(size));
-        moved.iter_mut().zip(places).for_each(motion);
+        moved.iter_mut().zip(places).map(motion).fold(0.0, f64::max)
     }
 }
 
