@@ -208,6 +208,13 @@ pub trait Model<T: Real>: Send {
         crate::spectrum::critical_step(inverse_inertia, &mut |q, f| self.add_internal_forces(q, f))
     }
 
+    /// Lower bound of [`Model::critical_step`] \[s\] for weights and inertia as they are, if the model finds
+    /// one at the cost of about one evaluation of its forces. A run whose step is given in seconds, below
+    /// this bound, is stable without a look at the spectrum. Collective.
+    fn step_bound(&self, _inverse_inertia: &[T]) -> Option<T> {
+        None
+    }
+
     /// Changes of the model by itself (breaking bonds), if it makes any. The run keeps the state before each
     /// step only if this is `Some`.
     fn evolving(&mut self) -> Option<&mut dyn Evolving<T>> {

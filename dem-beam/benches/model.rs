@@ -1,13 +1,18 @@
 //! The forces of the model alone, the core's whole step, the step with its ledger, and what watching
-//! strengths adds to it, measured in turns.
+//! strengths and contact add to it, measured in turns; the critical step and its bound.
 //!
 //! `cargo bench -p dem-beam --bench model [particles ...]`; default 20 000 (packed) and 1 000 000 (a cubic
 //! lattice: 6 neighbours against the packing's 6.2). Strengths are looked at up to 200 000 particles.
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
-use arlequin_core::{Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Weight, Weights};
+use arlequin_core::{
+    Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Uniform, Weight, Weights,
+};
 use dem_beam::packing::{Lattice, lattice};
-use dem_beam::{BeamMaterial, Container, Criterion, DemModel, Fracture, Packing, PackingSpec, Scatter};
+use dem_beam::{
+    BeamMaterial, Contact, ContactLaw, Container, Criterion, DemModel, Fracture, Packing, PackingSpec,
+    Scatter,
+};
 use nalgebra::Point3;
 use std::sync::Arc;
 use std::time::Instant;
@@ -182,6 +187,78 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
     Ok(())
 }
 
+/// What contact adds to the step, as a multiple of the bare step, in waves of up to 10 m/s. Pairs come near
+/// each other, and hardly any touch.
+fn contact(packing: &Packing, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
+    let make = |fracture: bool, contact: bool| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
+        let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
+        if fracture {
+            m = m.with_fracture(Fracture::new(Criterion::Rankine, 50e9))?;
+        }
+        let n = m.layout().dofs();
+        let mut v = vec![0.0; n];
+        for (v, x) in v.as_chunks_mut::<3>().0.iter_mut().zip(m.nodes()) {
+            v[0] = 10.0 * (300.0 * x.x).sin();
+        }
+        let law = ContactLaw::elastic(72.5e9);
+        let effect = contact.then(|| Contact::new(&m, law)).transpose()?;
+        let side = Subdomain::fine(m, Weights::uncoupled()).with_initial(vec![0.0; n], v)?;
+        let side = match effect {
+            Some(effect) => side.with_effect(Box::new(effect)),
+            None => side,
+        };
+        let guard = Guard {
+            interval: 1_000_000,
+            growth: 0.05,
+        };
+        let step = TimeStep::Fraction(0.5);
+        Ok(Coupled::new(vec![side], Vec::new(), step, Some(guard))?)
+    };
+    let names = [
+        "bare step",
+        "with contact",
+        "with fracture",
+        "with fracture and contact",
+    ];
+    let mut runs = Vec::new();
+    for k in 0..names.len() {
+        runs.push(make(k > 1, k % 2 == 1)?);
+    }
+    let mut jobs: Vec<NamedJob<'_>> = Vec::new();
+    for (name, run) in names.into_iter().zip(&mut runs) {
+        let job = move |k: usize| {
+            let _ = std::hint::black_box(run.run(k, &mut Silent));
+        };
+        jobs.push((name, Box::new(job)));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let times = pool.install(|| best(&mut jobs, 60, 10, packing.pairs.len()));
+    for (name, t) in names.into_iter().zip(&times) {
+        let ratio = t / times[0];
+        println!("linear threads {threads}  {name:<26} {t:6.2} ns/bond  {ratio:4.2} of the bare step");
+    }
+    Ok(())
+}
+
+/// Set-up with an automatic step, and with a step in seconds that the bound of the blocks admits.
+fn critical(packing: &Packing) -> Result<(), Box<dyn std::error::Error>> {
+    let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;
+    let mut inertia = vec![0.0; m.layout().dofs()];
+    m.lumped_inertia(&Uniform(1.0), &mut inertia)?;
+    let inverse: Vec<f64> = inertia.iter().map(|m| 1.0 / m).collect();
+    let start = Instant::now();
+    let longest = m.critical_step(&inverse)?;
+    let middle = Instant::now();
+    let bound = m.step_bound(&inverse).unwrap_or_default();
+    let [lanczos, blocks] = [middle - start, middle.elapsed()].map(|t| t.as_secs_f64());
+    println!(
+        "critical step {lanczos:6.3} s, its bound {blocks:6.3} s: {:4.3} of the time, {:4.3} of the step",
+        blocks / lanczos,
+        bound / longest
+    );
+    Ok(())
+}
+
 /// Most particles that are packed.
 const PACKED: usize = 200_000;
 
@@ -204,6 +281,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for count in counts {
         let packing = packing(count)?;
         println!("{} particles, {} bonds", packing.radii.len(), packing.pairs.len());
+        critical(&packing)?;
+        for threads in [1, 2] {
+            if count <= PACKED {
+                contact(&packing, threads)?;
+            }
+        }
         for finite in [false, true] {
             for threads in [1, 2] {
                 measure(&packing, finite, threads)?;

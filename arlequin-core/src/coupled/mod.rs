@@ -72,6 +72,8 @@ pub struct Coupled<T: Real> {
     /// Pair effects: they act between two subdomains.
     pub(crate) pairs: Vec<Pair<T>>,
     pub(crate) critical: Vec<T>,
+    /// For each critical step: whether it is a lower bound.
+    pub(crate) bounded: Vec<bool>,
     pub(crate) dt: T,
     pub(crate) time: T,
     pub(crate) start_time: T,
@@ -111,7 +113,8 @@ impl<T: Real> Coupled<T> {
     pub fn steps(&self) -> usize {
         self.step
     }
-    /// Critical step of each subdomain \[s\].
+    /// Critical step of each subdomain \[s\]; a lower bound of it where the step was given in seconds and
+    /// does not exceed the bound ([`Plan::bounded`]).
     pub fn critical_steps(&self) -> &[T] {
         &self.critical
     }

@@ -114,6 +114,16 @@ pub(super) fn choose<T: Real>(
     Ok(Pace { dt, steps })
 }
 
+/// Longest own step \[s\] of a participant that follows from the user's choices alone, if they name one.
+pub(super) fn asked<T: Real>(step: TimeStep<T>, own: OwnStep<T>) -> Option<T> {
+    match (step, own) {
+        (TimeStep::Seconds(dt), OwnStep::Same) => Some(dt),
+        (TimeStep::Seconds(dt), OwnStep::Ratio(m)) => Some(dt / T::of(m.max(1) as f64)),
+        // A share of the critical step needs that step itself.
+        _ => None,
+    }
+}
+
 fn share<T: Real>(f: T) -> Result<T> {
     if f > T::zero() && f < T::one() {
         return Ok(f);

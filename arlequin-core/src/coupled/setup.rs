@@ -81,6 +81,8 @@ impl<T: Real> Guard<T> {
 pub struct Plan {
     /// Name, kind, nodes, unknowns and critical step \[s\] of every model.
     pub models: Vec<(String, String, usize, usize, f64)>,
+    /// For every model: true if its critical step is a lower bound, which was enough for a given step.
+    pub bounded: Vec<bool>,
     /// Own steps of every model in a macro step.
     pub own_steps: Vec<usize>,
     /// Macro step \[s\].
@@ -190,9 +192,12 @@ impl<T: Real> Coupled<T> {
         // Pair effects must know which nodes the interfaces tie.
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         // Effects are attached by now: they shorten critical steps.
-        let mut critical = Vec::with_capacity(subdomains.len());
+        let (mut critical, mut bounded) = (Vec::new(), Vec::new());
         for (k, s) in subdomains.iter_mut().enumerate() {
-            critical.push(s.critical_step(&pairs::demands(&pairs, k))?);
+            let asked = pace::asked(step, s.step_choice());
+            let (longest, is_bound) = s.critical_step(&pairs::demands(&pairs, k), asked)?;
+            critical.push(longest);
+            bounded.push(is_bound);
         }
         let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
         let lockstep = Lockstep::groups(subdomains.len(), &between);
@@ -210,6 +215,7 @@ impl<T: Real> Coupled<T> {
             lockstep,
             pairs,
             critical,
+            bounded,
             dt: pace.dt,
             time: start,
             start_time: start,
@@ -247,6 +253,7 @@ impl<T: Real> Coupled<T> {
         let effects = self.effects().into_iter().map(|e| e.name).collect();
         Plan {
             models: models.collect(),
+            bounded: self.bounded.clone(),
             own_steps: self.subdomains.iter().map(Subdomain::own_steps).collect(),
             dt: self.dt.as_f64(),
             critical_dt: self.critical.iter().fold(f64::INFINITY, |a, b| a.min(b.as_f64())),

@@ -162,16 +162,29 @@ impl<T: Real> Subdomain<T> {
     ///
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to `2/ω (√(1 +
     /// ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
-    pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>]) -> Result<T> {
+    ///
+    /// If a lower bound of it is not below the own step `asked`, this bound is returned, with `true`.
+    pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>], asked: Option<T>) -> Result<(T, bool)> {
+        let bound = asked.and_then(|dt| Some((dt, self.model.step_bound(&self.inverse_inertia)?)));
+        if let Some((dt, bound)) = bound.map(|(dt, free)| (dt, self.with_demands(free, between)))
+            && dt <= bound
+        {
+            return Ok((bound, true));
+        }
         let free = self.model.critical_step(&self.inverse_inertia)?;
+        Ok((self.with_demands(free, between), false))
+    }
+
+    /// Returns the critical step \[s\] with effects, from that of the model alone.
+    fn with_demands(&self, free: T, between: &[StepDemand<T>]) -> T {
         if self.effects.is_empty() && between.is_empty() {
-            return Ok(free);
+            return free;
         }
         let demands = self
             .effects
             .iter()
             .map(|e| self.largest_demand(e.effect.step_demand()));
-        Ok(shortened(free, demands.chain(between.iter().copied())))
+        shortened(free, demands.chain(between.iter().copied()))
     }
 
     /// Returns the largest demand of an effect over all ranks.

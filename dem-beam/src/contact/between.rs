@@ -184,11 +184,15 @@ impl PairEffect<f64> for Contacts {
         let instants = instants.map(|a| *a);
         let first = !self.touching.has_been_called();
         self.touching.settle(&mut self.list.listed, &instants);
-        let [a, b] = &mut self.grains;
-        a.place(instants[0].q);
-        b.place(instants[1].q);
-        self.list
-            .refresh([&a.now, &b.now], [&a.rest_spheres, &b.rest_spheres]);
+        let q = instants.map(|i| i.q);
+        if !self.list.listed.follow(&mut self.grains, &q) {
+            let [a, b] = &mut self.grains;
+            a.place(q[0]);
+            b.place(q[1]);
+            self.list
+                .refresh([&a.now, &b.now], [&a.rest_spheres, &b.rest_spheres]);
+            self.list.listed.measure(&self.grains, &q);
+        }
         if first {
             self.check_start(&self.list)?;
         }

@@ -137,6 +137,12 @@ impl Grains {
         }
     }
 
+    /// Updates the current position of particle `i` from the displacements in `q` \[m\].
+    pub(crate) fn place_one(&mut self, i: usize, q: &[f64]) {
+        let rest_sphere = &self.rest_spheres[i];
+        (0..3).for_each(|c| self.now[i][c] = rest_sphere[c] + q[3 * i + c]);
+    }
+
     /// Velocity and spin of particle `i` half a step ago.
     pub(crate) fn motion(&self, instant: &Instant<'_, f64>, i: usize) -> Twist {
         Twist {

@@ -9,8 +9,8 @@
 //! In an overlap of models, stiffness and dashpot are multiplied by the smaller mass share of the two
 //! particles, which keeps the critical step of the unweighted contact.
 //!
-//! Gaps are computed in parallel. Forces are added pair after pair in a fixed order, so results do not depend
-//! on the number of threads. A step allocates only where the lists grow.
+//! Only pairs whose gap may have closed are looked at (see `watch.rs`). Forces are added pair after pair in a
+//! fixed order, so results do not depend on the number of threads. A step allocates only where the lists grow.
 //!
 //! A contact never gives back more energy than it took in, whatever the step (see `budget.rs`). Contacts are
 //! taken one after the other, in an order that is reversed in every step. The step must also resolve contacts
@@ -28,6 +28,7 @@ mod pairs;
 mod parts;
 mod surrounding;
 mod touching;
+mod watch;
 
 pub use between::ContactBetween;
 pub use body::ContactBody;
@@ -197,7 +198,6 @@ impl AnyEffect<f64> for Contacts {
 impl Effect<f64> for Contacts {
     fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         let (grains, touching) = (&mut self.grains, &mut self.touching);
-        grains.place(instant.q);
         // Breaks of all ranks since the last step.
         let log = locked(&self.log);
         let breaks = &log.events()[self.seen..];
@@ -209,11 +209,17 @@ impl Effect<f64> for Contacts {
                 for event in breaks {
                     list.add_broken(event, &grains.rest_spheres);
                 }
-                list.refresh(&grains.now, &grains.rest_spheres, &log);
+                let listed = &mut list.listed;
+                if !listed.follow(from_mut(grains), &[instant.q]) {
+                    grains.place(instant.q);
+                    list.refresh(&grains.now, &grains.rest_spheres, &log);
+                    list.listed.measure(from_ref(grains), &[instant.q]);
+                }
                 drop(log);
                 touching.respond(&mut list.listed, from_mut(grains), from_ref(instant), &mut [f]);
             }
             Pairs::Part(part) => {
+                grains.place(instant.q);
                 let pushing = part.gather_pushing(breaks, grains, &log)?;
                 drop(log);
                 part.respond(&pushing, touching, grains, instant, f)?;

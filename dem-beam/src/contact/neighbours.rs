@@ -1,6 +1,8 @@
 //! Lists of near pairs that no bond joins.
 
 use super::Spring;
+use super::grains::Grains;
+use super::watch::Watch;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere, spheres};
 use crate::particles::BondedParticles;
@@ -46,13 +48,15 @@ pub(super) fn is_stale<'a>(
     count: usize,
     now: impl Iterator<Item = &'a Sphere>,
 ) -> bool {
+    built.len() != count || built.iter().zip(now).any(|(a, b)| has_strayed(a, b, skin))
+}
+
+/// Returns whether a sphere that was at `a` and is now at `b` has moved by more than half the skin.
+pub(super) fn has_strayed(a: &Sphere, b: &Sphere, skin: f64) -> bool {
     // Two particles that each move by half the skin close a gap of one skin.
     let half = 0.5 * skin;
-    let far = |(a, b): (&Sphere, &Sphere)| {
-        let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-        d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > half * half
-    };
-    built.len() != count || built.iter().zip(now).any(far)
+    let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > half * half
 }
 
 /// Finds pairs of a sphere of `first` and one of `partners` that are closer than their radii and the skin.
@@ -111,6 +115,7 @@ pub(crate) struct Listed {
     /// Spheres of all bodies at the last search.
     pub(super) built: Vec<Sphere>,
     cells: CellList,
+    watch: Watch,
 }
 
 impl Listed {
@@ -122,7 +127,31 @@ impl Listed {
             skin,
             built: Vec::new(),
             cells: CellList::default(),
+            watch: Watch::default(),
         }
+    }
+
+    /// Measures the pairs that may have closed at the displacements `q`, and returns true. Returns false if
+    /// the list may be stale or a look at all pairs pays: [`Self::measure`] must then follow.
+    pub(super) fn follow(&mut self, grains: &mut [Grains], q: &[&[f64]]) -> bool {
+        let known = (self.counts(), self.skin, &self.built[..]);
+        let holds = self.watch.follow(grains, q, known);
+        if holds {
+            self.watch.measure_due(grains, q, &self.pairs);
+        }
+        holds
+    }
+
+    /// Measures all pairs, for particles that have been placed at the displacements `q`.
+    pub(super) fn measure(&mut self, grains: &[Grains], q: &[&[f64]]) {
+        let known = (self.searches, self.skin, &self.built[..]);
+        self.watch
+            .measure_all(grains, q, (&self.pairs, &self.springs), known);
+    }
+
+    /// Pairs that push, with their overlaps \[m\], and pairs that have just opened, in the order of the list.
+    pub(super) fn touching(&self) -> &[(usize, f64)] {
+        self.watch.touching()
     }
 
     /// Number of searches, and of pairs.
@@ -135,7 +164,7 @@ impl Listed {
     ///
     /// `rest_distance(i, k)` returns the distance at which a pair begins to push, or `None` if it never does.
     /// Springs of pairs that are still listed are kept.
-    fn refresh(
+    pub(super) fn refresh(
         &mut self,
         first: &[Sphere],
         second: Option<&[Sphere]>,
@@ -214,6 +243,7 @@ impl Listed {
         let (springs, remaining) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
         let (spheres, remaining) = remaining.split_at_checked(4 * built)?;
         self.searches = searches as usize;
+        self.watch.reset();
         self.pairs.clear();
         self.springs.clear();
         let (ends, _) = ends.as_chunks::<3>();

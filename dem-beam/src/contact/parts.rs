@@ -113,6 +113,7 @@ impl GatheredPairs {
         self.closed.pairs = pairs.iter().map(candidate).collect();
         self.closed.springs = springs;
         self.keys = pairs.iter().map(|p| p.0).collect();
+        self.closed.measure(from_ref(&touched), &[]);
         touching.respond(
             &mut self.closed,
             from_mut(&mut touched),

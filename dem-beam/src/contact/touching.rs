@@ -3,21 +3,17 @@
 use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
 use super::law::{ContactLaw, Pair, Spring};
-use super::neighbours::{Candidate, Listed, distance};
+use super::neighbours::Listed;
 use arlequin_core::Exact;
 use arlequin_core::effect::{Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 /// Allowance for the critical step: contacts of full stiffness that a particle may have beside its bonds.
 pub const STIFF_CONTACTS: f64 = 4.0;
 
 /// Allowance for the critical step: contacts of a particle that may be damped at the same time.
 pub const DAMPED_CONTACTS: f64 = 2.0;
-
-/// Pairs per unit of parallel work.
-const CHUNK: usize = 2_048;
 
 /// Numbers and integers of a closed contact in a record.
 const WIDTH: [usize; 2] = [11, 1];
@@ -44,7 +40,6 @@ struct Active {
 #[derive(Debug)]
 pub(crate) struct Touching {
     law: BudgetedLaw,
-    gaps: Vec<f64>,
     active: Vec<Active>,
     calls: usize,
     top_contacts: usize,
@@ -57,7 +52,6 @@ impl Touching {
     pub(crate) fn new(law: ContactLaw) -> Self {
         Self {
             law: BudgetedLaw::new(law),
-            gaps: Vec::new(),
             active: Vec::new(),
             calls: 0,
             top_contacts: 0,
@@ -80,26 +74,8 @@ impl Touching {
         self.calls > 0
     }
 
-    /// Computes the overlaps \[m\] of all listed pairs; negative for open pairs.
-    fn measure(&mut self, pairs: &[Candidate], grains: &[Grains]) {
-        self.gaps.resize(pairs.len(), 0.0);
-        let (first, second) = (&grains[0].now, &grains[grains.len() - 1].now);
-        let gap = |(g, p): (&mut f64, &Candidate)| {
-            let (a, b) = (&first[p.ends[0] as usize], &second[p.ends[1] as usize]);
-            *g = p.rest_distance - distance(a, b);
-        };
-        if pairs.len() > 2 * CHUNK && rayon::current_num_threads() > 1 {
-            self.gaps
-                .par_iter_mut()
-                .zip(pairs)
-                .with_min_len(CHUNK)
-                .for_each(gap);
-        } else {
-            self.gaps.iter_mut().zip(pairs).for_each(gap);
-        }
-    }
-
-    /// Computes all closed contacts and adds their forces to `f`, pair after pair.
+    /// Computes all closed contacts and adds their forces to `f`, pair after pair. The pairs must have been
+    /// measured.
     pub(crate) fn respond(
         &mut self,
         listed: &mut Listed,
@@ -107,22 +83,23 @@ impl Touching {
         instants: &[Instant<'_, f64>],
         f: &mut [&mut [f64]],
     ) {
-        self.measure(&listed.pairs, grains);
         self.active.clear();
         self.law.begin(instants[0].dt);
-        let count = self.gaps.len();
-        // Sequential, unlike the gaps: a contact works on the velocity that the contacts before it have left.
+        let count = listed.touching().len();
+        // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
             // The order alternates: energy that a particle shared by two contacts moves between their budgets
             // then evens out over the steps.
-            let k = if self.calls.is_multiple_of(2) {
+            let place = if self.calls.is_multiple_of(2) {
                 n
             } else {
                 count - 1 - n
             };
+            let (k, overlap) = listed.touching()[place];
             let spring = &mut listed.springs[k];
-            if self.gaps[k] > 0.0 {
-                self.close(k, listed.pairs[k].ends, spring, grains, instants, f);
+            if overlap > 0.0 {
+                let ends = listed.pairs[k].ends;
+                self.close((k, ends, overlap), spring, grains, instants, f);
             } else if spring.closed {
                 // An open contact forgets its sliding, its rolling and its budget.
                 *spring = Spring::default();
@@ -149,8 +126,7 @@ impl Touching {
 
     fn close(
         &mut self,
-        k: usize,
-        ends: [u32; 2],
+        (k, ends, overlap): (usize, [u32; 2], f64),
         spring: &mut Spring,
         grains: &mut [Grains],
         instants: &[Instant<'_, f64>],
@@ -158,7 +134,7 @@ impl Touching {
     ) {
         let [i, j] = ends.map(|e| e as usize);
         let last = grains.len() - 1;
-        let pair = pair([&grains[0], &grains[last]], [i, j], self.gaps[k], instants);
+        let pair = pair([&grains[0], &grains[last]], [i, j], overlap, instants);
         let end_states = || {
             [
                 grains[0].end(&instants[0], f[0], i),

@@ -411,6 +411,11 @@ impl Model<f64> for DemModel {
         Ok(spectrum::step_of(top?))
     }
 
+    fn step_bound(&self, inverse_inertia: &[f64]) -> Option<f64> {
+        let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
+        Some(spectrum::step_of(self.owned().largest(top)))
+    }
+
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
         self.fracture.is_some().then_some(self as _)
     }

@@ -3,8 +3,8 @@
 
 use approx::{assert_abs_diff_eq, assert_relative_eq};
 use arlequin_core::{
-    CoarseModel, Coupled, FineModel, Guard, Model, NodallyWeighted, Silent, Subdomain, TimeStep, Uniform,
-    Weight, Weights, conformance,
+    CoarseModel, Coupled, FineModel, Guard, Model, NodallyWeighted, Partition, Silent, Subdomain, TimeStep,
+    Uniform, Weight, Weights, conformance,
 };
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, LoadShare, Packing, PackingSpec, Twist, critical};
@@ -451,4 +451,33 @@ fn a_model_that_has_found_forces_is_like_a_new_one_after_other_weights_laws_and_
         let energies = [make(), still].map(|m| m.internal_energy(&q).to_bits());
         assert_eq!(energies[0], energies[1], "finite {finite}");
     }
+}
+
+/// A step given in seconds below the bound of the blocks is accepted as it is; every other step has the
+/// critical step of Lanczos.
+#[test]
+fn a_step_below_the_bound_is_accepted_without_the_spectrum() {
+    let run = |step: TimeStep<f64>| {
+        let weights = Weights::from_weight(std::sync::Arc::new(Steep { low: 0.05 }));
+        let side = Subdomain::fine(model(), weights).with_partition(Partition::Unchecked);
+        Coupled::new(vec![side], Vec::new(), step, None)
+    };
+    let automatic = run(TimeStep::Fraction(0.9)).unwrap();
+    let critical = automatic.critical_steps()[0];
+    assert_eq!(automatic.plan().bounded, [false]);
+    let short = run(TimeStep::Seconds(0.5 * critical)).unwrap();
+    let bound = short.critical_steps()[0];
+    assert_eq!(short.plan().bounded, [true]);
+    assert!(
+        bound > 0.6 * critical && bound < 0.9 * critical,
+        "{}",
+        bound / critical
+    );
+    for (share, is_bound) in [(0.999_999, true), (1.000_001, false)] {
+        let plan = run(TimeStep::Seconds(share * bound)).unwrap().plan();
+        assert_eq!(plan.bounded, [is_bound], "{share}");
+    }
+    let long = run(TimeStep::Seconds(0.95 * critical)).unwrap();
+    assert_eq!(long.critical_steps(), [critical]);
+    assert!(run(TimeStep::Seconds(1.01 * critical)).is_err());
 }

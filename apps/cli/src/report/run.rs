@@ -268,11 +268,12 @@ fn models(lines: &[ModelLine]) {
     for m in lines {
         entry!(
             "model",
-            "{} {} {} nodes {} unknowns, critical step {:.4e} s, {}",
+            "{} {} {} nodes {} unknowns, critical step {}{:.4e} s, {}",
             m.name,
             m.kind,
             m.nodes,
             m.unknowns,
+            if m.critical_is_bound { "at least " } else { "" },
             m.critical_dt,
             own_steps(m)
         );

@@ -169,6 +169,9 @@ pub struct ModelLine {
     pub unknowns: usize,
     /// Critical step of the model \[s\].
     pub critical_dt: f64,
+    /// True if `critical_dt` is a lower bound, which was enough for a step given in seconds.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub critical_is_bound: bool,
     /// Number of the model's own steps per step of the run.
     pub own_steps: usize,
     /// Length of an own step \[s\].

@@ -167,6 +167,7 @@ pub(crate) fn models(run: &Coupled<f64>, packings: &[Option<PackingLine>]) -> Ve
         nodes,
         unknowns,
         critical_dt,
+        critical_is_bound: plan.bounded.get(k).is_some_and(|b| *b),
         own_steps: sides.get(k).map_or(1, Subdomain::own_steps),
         own_dt: sides.get(k).map_or(plan.dt, Subdomain::own_dt),
         scheme: match sides.get(k).map(Subdomain::step_choice).unwrap_or_default() {
