@@ -62,7 +62,8 @@ pub fn block_bound(body: &BondedParticles) -> Result<f64> {
 const ROUNDED: f64 = 1e-6;
 
 /// Returns an upper bound of the largest eigenvalue of `M⁻¹K` \[1/s²\] from the blocks of the first `owned`
-/// particles. It is at most 12 % above twice the largest eigenvalue of a block, on which [`block_bound`] rests.
+/// particles. It is at most 12 % above twice the largest eigenvalue of a block, on which [`block_bound`]
+/// rests.
 pub(crate) fn bound(body: &BondedParticles, owned: usize, inverse_inertia: &[f64]) -> f64 {
     let adjacency = body.adjacency();
     let of_particle = |p: usize| {

@@ -10,7 +10,8 @@
 //! particles, which keeps the critical step of the unweighted contact.
 //!
 //! Only pairs whose gap may have closed are looked at (see `watch.rs`). Forces are added pair after pair in a
-//! fixed order, so results do not depend on the number of threads. A step allocates only where the lists grow.
+//! fixed order, so results do not depend on the number of threads. A step allocates only where the lists
+//! grow.
 //!
 //! A contact never gives back more energy than it took in, whatever the step (see `budget.rs`). Contacts are
 //! taken one after the other, in an order that is reversed in every step. The step must also resolve contacts

@@ -225,6 +225,9 @@ impl Watch {
         self.groups.clear();
         self.blocks_of.clear();
         self.grouped = pairs.len();
+        // Steps between two searches do not allocate.
+        let room = pairs.len().saturating_sub(self.touching.len());
+        self.touching.reserve(room);
         for pairs in pairs.chunks(GROUP) {
             let start = self.blocks_of.len();
             for p in pairs {
