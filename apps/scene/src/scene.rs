@@ -210,10 +210,8 @@ impl Scene {
     /// it.
     pub(crate) fn without(mut self, path: &str) -> Result<Self> {
         let (head, last) = path.rsplit_once('.').unwrap_or(("", path));
-        let parts = head.split('.').filter(|p| !p.is_empty());
-        let table = parts.fold(Some(&mut self.table), |table, part| {
-            table?.get_mut(part)?.as_table_mut()
-        });
+        let mut parts = head.split('.').filter(|p| !p.is_empty());
+        let table = parts.try_fold(&mut self.table, |table, part| table.get_mut(part)?.as_table_mut());
         if table.and_then(|t| t.remove(last)).is_some() {
             self.read_table(|message| key(path, message))?;
         }
