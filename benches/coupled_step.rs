@@ -12,8 +12,8 @@
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::TriMat;
 use arlequin::core::{
-    Coupled, Guard, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, Model, Observer, OwnStep,
-    Partition, Phase, Profile, Real, Result, Sampling, StepReport, Subdomain, TimeStep, Weights,
+    Coupled, Guard, H1Gradient, InterfaceOptions, InterfaceSpec, Junction, L2, LinearModel, Model, Observer,
+    OwnStep, Partition, Phase, Profile, Real, Result, Sampling, StepReport, Subdomain, TimeStep, Weights,
 };
 use arlequin::dem_beam::{BeamMaterial, Container, DemModel, Matter, Packing, PackingSpec};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};
