@@ -358,7 +358,7 @@ fn thin_arms_of_an_angle_are_filled_alike() {
             0 => [x.x, x.y],
             _ => [x.y, x.z],
         };
-        let beyond = |k: usize| packing.positions.iter().filter(|x| along(x)[k] > 0.1 * long);
+        let beyond = |k: usize| packing.positions.iter().filter(move |x| along(x)[k] > 0.1 * long);
         let arms = [0, 1].map(|k| beyond(k).count() as f64);
         assert!((arms[0] / arms[1] - 1.0).abs() < 0.05, "{arms:?}");
         for k in [0, 1] {

@@ -367,6 +367,32 @@ fn a_run_says_the_same_and_what_its_motion_shows() {
     assert!(texts.iter().all(|w| stderr.matches(w).count() == 1), "{stderr}");
 }
 
+/// The elements of an overlap are counted along its normal, whatever their other edges.
+#[test]
+fn elements_are_counted_across_the_overlap() {
+    let folder = scratch("across");
+    let divided = |divisions: &str| {
+        let scene = GLASS.replacen("spacing = 10e-3", &format!("divisions = {divisions}"), 1);
+        let texts = warnings(&folder, &scene, &[]);
+        texts.into_iter().find(|w| w.contains("elements of 'left'"))
+    };
+    assert_eq!(divided("[28, 1, 1]"), None);
+    let few = divided("[5, 10, 10]").expect("a warning");
+    assert!(
+        few.contains("is 2.1 elements of 'left' (1.400e-2 m) across"),
+        "{few}"
+    );
+}
+
+/// A single step may not go on far beyond the end either.
+#[test]
+fn a_run_far_beyond_its_end_is_warned_of() {
+    let folder = scratch("beyond");
+    let scene = GLASS.replace("end = 30e-6", "end = 1e-9");
+    let far = |w: &String| w.starts_with("time.end = 1.000e-9 s: the run goes on to");
+    assert!(warnings(&folder, &scene, &[]).iter().any(far));
+}
+
 /// A scene with dimensionless units is judged by its ratios alone.
 #[test]
 fn dimensionless_scenes_are_not_held_against_solids() {

@@ -59,6 +59,29 @@ impl Grid {
     pub fn cells(&self) -> usize {
         self.connectivity.len() / self.corners
     }
+
+    /// Mean extent, along the line from `from` to `to`, of the cells whose middles lie between the two planes
+    /// across this line \[m\]; `None` without such cells.
+    pub(crate) fn extent_across(&self, [from, to]: [Point3<f64>; 2]) -> Option<f64> {
+        let along = (to - from).try_normalize(0.0)?;
+        let place = |c: &u32| Some((self.points.get(*c as usize)? - from).dot(&along));
+        let (mut sum, mut count) = (0.0, 0.0);
+        for corners in self.connectivity.chunks_exact(self.corners.max(2)) {
+            let places: Option<Vec<f64>> = corners.iter().map(place).collect();
+            let places = places?;
+            let (low, high) = places
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+                    (a.min(*x), b.max(*x))
+                });
+            let middle = places.iter().sum::<f64>() / places.len() as f64;
+            if middle > 0.0 && middle < (to - from).norm() {
+                sum += high - low;
+                count += 1.0;
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    }
 }
 
 /// Elements that a kind of model needs of a mesh.

@@ -163,7 +163,7 @@ impl PackingLine {
         if let Some(across) = self.across.filter(|a| *a < narrow::NARROW) {
             let e = narrow::expected(across);
             out.push(format!(
-                "only {across:.1} spheres fit across the body's narrowest part, and a thin packing is not as stiff as the bulk (a round \
+                "only {across:.1} spheres fit across the body, and a thin packing is not as stiff as the bulk (a round \
                  bar of as many: E {:+.0} %, nu {:.3} ± {:.3} in place of 0.174, bending {:+.0} % and torsion {:+.0} %); take \
                  smaller spheres, ten across or more",
                 100.0 * (e.young - 1.0),

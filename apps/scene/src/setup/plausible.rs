@@ -34,6 +34,8 @@ const ACROSS: f64 = 3.0;
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 /// Largest plausible overrun of the end, as a share of the run: a run makes whole steps.
 const OVERRUN: f64 = 0.25;
+/// The same for models without own steps, whose whole steps are short.
+const OVERRUN_ALONE: f64 = 1.0;
 /// Largest number of cells of one model that are searched for in another.
 const LOOKS: usize = 2000;
 
@@ -263,6 +265,10 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         // A mesh can be finer in one place than in another.
         let spacing = match &i.overlap {
             OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
+            OverlapShape::Slab { fine, coarse: far } => {
+                let ends = [Point3::from(*far), Point3::from(*fine)];
+                coarse.grid.extent_across(ends).unwrap_or(coarse.spacing)
+            }
             _ => coarse.spacing,
         };
         let elements_across = width / spacing;
@@ -411,10 +417,15 @@ fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
     let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
     let last = begin + built.steps as f64 * dt;
     let several = built.run.subdomains().iter().any(|s| s.own_steps() > 1);
-    (several && last - end > OVERRUN * (end - begin)).then(|| {
+    let limit = if several { OVERRUN } else { OVERRUN_ALONE };
+    (last - end > limit * (end - begin)).then(|| {
+        let (why, remedy) = match several {
+            true => (", in which models make their own", "give models fewer own steps, or "),
+            false => ("", ""),
+        };
         format!(
-            "time.end = {end:.3e} s: the run goes on to {last:.3e} s, since it is made of whole steps of {dt:.3e} s, in which \
-             models make their own; give models fewer own steps, or choose a shorter time.step.seconds"
+            "time.end = {end:.3e} s: the run goes on to {last:.3e} s, since it is made of whole steps of {dt:.3e} s{why}; {remedy}\
+             choose a shorter time.step.seconds"
         )
     })
 }
