@@ -48,25 +48,25 @@ pub(crate) struct Calibrate {
     /// Test a periodic sample of the bulk: no walls, six unit strains.
     #[arg(long, conflicts_with_all = ["cylinder", "cuboid"])]
     periodic: bool,
-    /// Number of spheres [default of --periodic: 8000]
+    /// Number of spheres [default: the scene's; 8000 with --periodic]
     #[arg(long, value_name = "N", conflicts_with = "spacing")]
     count: Option<usize>,
     /// Mean diameter of the spheres [m], in place of --count.
     #[arg(long, value_name = "METRES")]
     spacing: Option<f64>,
-    /// Bonds per particle times two [default: 6.2]
+    /// Bonds per particle times two [default: the scene's; 6.2 without a scene]
     #[arg(long, value_name = "Z")]
     coordination: Option<f64>,
-    /// How the packing is compacted [default: onset]
+    /// How the packing is compacted [default: the scene's; onset without a scene]
     #[arg(long, value_parser = one_of::<Protocol>(&["onset", "quench"]))]
     protocol: Option<Protocol>,
-    /// Young's modulus of the beams [Pa] [default: 265e9]
+    /// Young's modulus of the beams [Pa] [default: the scene's; 265e9 without a scene]
     #[arg(long, value_name = "PASCAL")]
     young: Option<f64>,
-    /// Poisson's ratio of the beams [default: 0.3]
+    /// Poisson's ratio of the beams [default: the scene's; 0.3 without a scene]
     #[arg(long, value_name = "NU")]
     poisson: Option<f64>,
-    /// Beam radius over mean particle radius [default: 0.71]
+    /// Beam radius over mean particle radius [default: the scene's; 0.71 without a scene]
     #[arg(long, value_name = "RATIO")]
     radius_ratio: Option<f64>,
     /// Find the beams that give this Young's modulus [Pa].

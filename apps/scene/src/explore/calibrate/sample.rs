@@ -179,29 +179,33 @@ fn replace_shape(
         return Ok(None);
     }
     let own = match (given.spacing, given.dem.count) {
-        (Some(spacing), _) if spacing > 0.0 => spacing,
+        (Some(spacing), _) if spacing > 0.0 => Some(spacing),
         (None, Some(count)) if count > 0 => {
             let filling = Filling::from_table(model_key, given, folder)?;
             let volume = match &filling.container {
                 Container::Around(around) => around.part().volume(),
                 container => container.volume(),
             };
-            mean_diameter(volume, count as f64)
+            Some(mean_diameter(volume, count as f64))
         }
-        // Missing and impossible sizes are refused with the recipes.
-        _ => return Ok(None),
+        _ => None,
     };
-    let [long, slender] = STRAIGHT;
-    if let Some((bar, width)) = bar(&given.shape)
-        && bar.length >= slender * width
-        && bar.length >= long * own
-    {
+    let Some(wanted_size) = wanted.spacing.filter(|d| *d > 0.0).or(own) else {
+        // Missing and impossible sizes are refused with the recipes.
         return Ok(None);
+    };
+    let sizes = wanted.strength.as_ref().and_then(|s| s.sizes.as_ref());
+    let largest = |first: f64| sizes.into_iter().flatten().copied().fold(first, f64::max);
+    let [long, slender] = STRAIGHT;
+    if let Some((bar, width)) = bar(&given.shape) {
+        // In the scene's own shape, a number of spheres decides their size.
+        let counted = wanted.count.filter(|n| *n > 0);
+        let size = counted.map_or(wanted_size, |n| mean_diameter(bar.length * bar.area, n as f64));
+        if bar.length >= slender * width && bar.length >= long * largest(size) {
+            return Ok(None);
+        }
     }
-    let mut largest = wanted.spacing.unwrap_or(own);
-    if let Some(sizes) = wanted.strength.as_ref().and_then(|s| s.sizes.as_ref()) {
-        largest = sizes.iter().copied().fold(largest, f64::max);
-    }
+    let largest = largest(wanted_size);
     let [length, width] = STANDARD;
     // With a number of spheres, their size stays and the bar changes.
     let unit = wanted.count.filter(|n| *n > 0).map_or(largest, |n| {
@@ -217,8 +221,8 @@ fn replace_shape(
     table.shape = cuboid([x, y, y]);
     table.dem.notch.clear();
     Ok(Some(format!(
-        "{model_key}.shape ({}) is no bar along x of {long} mean diameters and twice its width: a bar of {x:e} by {y:e} by \
-         {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
+        "{model_key}.shape ({}) is no bar along x of {long} mean diameters (of {largest:.2e} m) and twice its width: a bar of {x:e} by \
+         {y:e} by {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
         given.shape.name()
     )))
 }
@@ -428,4 +432,53 @@ fn periodic(wanted: &Wanted, model_key: String, table: ModelTable, beam: BeamMat
         folder: PathBuf::new(),
         notches: Vec::new(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::StrengthTest;
+
+    /// Returns whether the shape of a scene, a bar of 10 mm with 25 spheres of 0.4 mm along it, is tested itself.
+    fn is_tested(wanted: &Wanted) -> bool {
+        let text = "[model.bar]\nkind = \"dem\"\nspacing = 0.4e-3\n\
+             shape.cylinder = { from = [0, 0, 0], length = 10.1e-3, radius = 1e-3 }\n\
+             material = { young = 1e9, poisson = 0.2, density = 1000 }\n[time]\nsteps = 1\n";
+        let wanted = Wanted {
+            seeds: 1,
+            ..wanted.clone()
+        };
+        let sample = Sample::from_options(&wanted, Some(&Source::new("bar.toml", text))).expect("a sample");
+        assert_eq!(
+            sample.notes.is_empty(),
+            sample.text.starts_with("cylinder"),
+            "{:?}",
+            sample.notes
+        );
+        sample.notes.is_empty()
+    }
+
+    #[test]
+    fn the_spheres_that_are_tested_decide_whether_a_shape_is_a_bar() {
+        let spheres = |spacing: Option<f64>, count: Option<usize>| Wanted {
+            spacing,
+            count,
+            ..Wanted::default()
+        };
+        assert!(is_tested(&Wanted::default()));
+        assert!(is_tested(&spheres(Some(0.3e-3), None)));
+        assert!(!is_tested(&spheres(Some(0.8e-3), None)), "12 diameters");
+        // 600 spheres in the bar are of 0.4 mm, 100 of 0.73 mm.
+        assert!(is_tested(&spheres(None, Some(700))));
+        assert!(!is_tested(&spheres(None, Some(100))));
+        let sized = |sizes: &[f64]| Wanted {
+            strength: Some(StrengthTest {
+                sizes: Some(sizes.to_vec()),
+                ..StrengthTest::default()
+            }),
+            ..Wanted::default()
+        };
+        assert!(is_tested(&sized(&[0.3e-3, 0.4e-3])));
+        assert!(!is_tested(&sized(&[0.3e-3, 0.5e-3])));
+    }
 }

@@ -1,10 +1,13 @@
 //! Writes a proposal into the scene file and keeps its comments.
 
-use super::choose::Prospect;
+use super::choose::{self, Prospect, rounded};
+use super::predict::Candidate;
 use super::scenario::{OverlapKind, Scenario};
 use crate::error::{Error, Result, key, value, write as write_error};
 use crate::scene::{Scene, Source};
-use crate::spec::{JunctionKind, OverlapShape, RegionShape, SceneSpec, Shape};
+use crate::spec::{JunctionKind, OverlapShape, ProfileKind, RegionShape, SceneSpec, Shape};
+use arlequin::core::advice;
+use std::f64::consts::SQRT_2;
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value};
 
@@ -38,10 +41,29 @@ pub(super) fn needs_absorber(p: &Prospect) -> bool {
     p.errors.above_cutoff > 0.1 * p.errors.worst().powi(2)
 }
 
-/// Formats a spacing with four digits, which are more than it needs.
+/// Returns the width of the overlap in coarse elements, and the fine spacings in one of them.
+pub(super) fn proportions(s: &Scenario, p: &Prospect) -> [f64; 2] {
+    let c = &p.candidate;
+    let elements = s.mesher.elements(c.spacing);
+    let edge = elements.map_or(c.h, |e| choose::edge(s, &e));
+    [c.overlap / edge, edge / c.r]
+}
+
+/// Returns whether an absorber works in the overlap of a proposal: in narrow overlaps, and with a fine model
+/// hardly finer than the coarse one, much of the short waves comes back.
+pub(super) fn absorber_works(s: &Scenario, p: &Prospect) -> bool {
+    let [width, ratio] = proportions(s, p);
+    let jump = if p.candidate.profile == ProfileKind::Constant {
+        0.5
+    } else {
+        0.0
+    };
+    advice::absorber(Some(width), jump, 1.0, 1.0 / ratio).is_empty()
+}
+
+/// Formats a spacing.
 fn number(x: f64) -> String {
-    let rounded: f64 = format!("{x:.3e}").parse().unwrap_or(x);
-    format!("{rounded:e}")
+    format!("{:e}", rounded(x))
 }
 
 /// Formats a length.
@@ -57,7 +79,7 @@ fn tidy(x: f64) -> f64 {
 fn counts(lengths: &[f64], spacing: f64) -> String {
     let n: Vec<String> = lengths
         .iter()
-        .map(|l| (l / spacing).ceil().max(1.0).to_string())
+        .map(|l| (l / spacing - 1e-6).ceil().max(1.0).to_string())
         .collect();
     format!("[{}]", n.join(", "))
 }
@@ -65,21 +87,26 @@ fn counts(lengths: &[f64], spacing: f64) -> String {
 /// Returns the changes that turn the scene into the proposal.
 pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
-    let [coarse, table] = &s.keys;
-    let mut out = vec![match s.coarse_table(scene) {
-        Some(m) if m.divisions.is_some() => {
-            Change::new(format!("{coarse}.divisions"), counts(&extents(&m.shape), c.h))
-        }
-        _ => Change::new(format!("{coarse}.spacing"), number(c.h)),
-    }];
+    let table = &s.keys[1];
+    let mut out = Vec::new();
+    if *c != choose::as_given(s).0 {
+        out.extend(overlap(scene, s, c));
+    }
+    if needs_absorber(p) && !s.absorber && absorber_works(s, p) {
+        out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
+    }
+    if s.fraction.is_none_or(|f| (f - fraction).abs() > 1e-9) {
+        out.push(Change::new("time.step", format!("{{ fraction = {fraction} }}")));
+    }
+    out
+}
+
+/// Returns the changes of spacings and overlap.
+fn overlap(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Vec<Change> {
+    let table = &s.keys[1];
     let joint = scene.interface.get(&s.names[0]);
-    out.push(if joint.is_some_and(|j| j.mediator.divisions.is_some()) {
-        let along = |a: f64| (0..3).map(|k| if k == s.axis { c.overlap } else { a }).collect();
-        let lengths: Vec<f64> = s.across.map_or_else(|| vec![c.overlap], along);
-        Change::new(format!("{table}.mediator.divisions"), counts(&lengths, c.h_b))
-    } else {
-        Change::new(format!("{table}.mediator.spacing"), number(c.h_b))
-    });
+    let mut out = vec![coarse(scene, s, c)];
+    out.extend(mediator(scene, s, c));
     if s.kind == OverlapKind::Slab {
         let profile = format!("\"{}\"", c.profile);
         out.push(Change::new(format!("{table}.weight.profile"), profile));
@@ -96,29 +123,47 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
         out.push(Change::new(format!("{table}.junction.length"), number(l * c.h_b)));
     }
     if s.movable {
-        // In proportion to the spacing as it is written: a zone rounds its width up to whole elements.
-        let width = c.overlap / c.h * number(c.h).parse().unwrap_or(c.h);
         out.extend(match s.kind {
             OverlapKind::Slab => move_slab(scene, s, c.overlap),
-            OverlapKind::Shell => move_shell(scene, s, width),
-            OverlapKind::Zone => vec![Change::new(format!("{table}.overlap.width"), digits(width))],
+            OverlapKind::Shell => move_shell(scene, s, c.overlap),
+            OverlapKind::Zone => vec![Change::new(format!("{table}.overlap.width"), digits(c.overlap))],
         });
-    }
-    if needs_absorber(p) && !s.absorber {
-        out.push(Change::new(format!("{table}.absorber.rate_factor"), "0.2"));
-    }
-    if s.fraction.is_none_or(|f| (f - fraction).abs() > 1e-9) {
-        out.push(Change::new("time.step", format!("{{ fraction = {fraction} }}")));
     }
     out
 }
 
-fn extents(shape: &Shape) -> Vec<f64> {
-    match shape {
-        Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).collect(),
-        Shape::Bar { from, to, .. } => vec![to - from],
-        _ => Vec::new(),
+/// Returns the change of the coarse elements.
+fn coarse(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Change {
+    let path = &s.keys[0];
+    let divided = s.coarse_table(scene).is_some_and(|m| m.divisions.is_some());
+    match s.mesher.elements(c.spacing).filter(|_| divided) {
+        Some(e) => Change::new(format!("{path}.divisions"), format!("{:?}", e.counts)),
+        None => Change::new(format!("{path}.spacing"), number(c.spacing)),
     }
+}
+
+/// Returns the change of the mediator, if it needs one.
+fn mediator(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Option<Change> {
+    let table = &s.keys[1];
+    if s.kind == OverlapKind::Zone {
+        // The mediator consists of the body's elements: only a finer one needs a spacing, or a spacing that
+        // the scene gives. Elements are halved until they are no longer, so that half-way between two halvings
+        // the number is sure in spite of elements of several lengths.
+        let given = scene.zone.get(&s.names[0])?.mediator.spacing;
+        let longest = SQRT_2 * c.h_b * s.stretch;
+        return (c.h_b < (1.0 - 1e-6) * c.h || given.is_some())
+            .then(|| Change::new(format!("{table}.mediator.spacing"), number(longest)));
+    }
+    let given = &scene.interface.get(&s.names[0])?.mediator;
+    Some(if given.divisions.is_some() {
+        let along = |a: f64| (0..3).map(|k| if k == s.axis { c.overlap } else { a }).collect();
+        let lengths: Vec<f64> = s.across.map_or_else(|| vec![c.overlap], along);
+        Change::new(format!("{table}.mediator.divisions"), counts(&lengths, c.h_b))
+    } else {
+        // In proportion to the spacing as it is written, so that both are rounded alike across the body.
+        let spacing = c.h_b / c.h * c.spacing;
+        Change::new(format!("{table}.mediator.spacing"), number(spacing))
+    })
 }
 
 /// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which

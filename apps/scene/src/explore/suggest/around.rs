@@ -3,6 +3,7 @@
 //! Waves cross such an overlap along its normal. Lengths along the normal, and the volumes that decide the
 //! cost, follow from the nodes of the models as they are built for the scene as given.
 
+use super::mesher::{Frame, Mesher};
 use super::scenario::{OverlapKind, Scenario, length_ratio};
 use crate::error::{Result, core, key, value};
 use crate::setup::{self, Built};
@@ -52,6 +53,8 @@ pub(super) fn zone(base: Scenario, scene: &SceneSpec, fine: &ModelTable) -> Resu
         return Err(key(format!("zone.{name}"), "needs [body]"));
     };
     let (coarse, across) = sizes_of("body", body)?;
+    let mesher = Mesher::of_shape(&body.shape, None);
+    let coarse = made(&mesher, body, coarse);
     let mediator = zone.mediator.spacing.unwrap_or(coarse);
     let halved_to = fine.spacing.filter(|_| !setup::kind(zone.kind).has_spheres());
     Ok(Scenario {
@@ -60,6 +63,7 @@ pub(super) fn zone(base: Scenario, scene: &SceneSpec, fine: &ModelTable) -> Resu
         overlap: zone.overlap.width,
         movable: true,
         spacings: [coarse, fine.spacing.unwrap_or(coarse), mediator],
+        mesher,
         halved_to,
         across: Some(across),
         length_ratio: zone.junction.length.map_or(0.25, |l| l / mediator),
@@ -89,6 +93,7 @@ pub(super) fn shell(
     }
     let even = widths.iter().all(|w| w - width < EQUAL * width);
     let (h, across) = sizes_of(&base.keys[0], coarse)?;
+    let h = made(&base.mesher, coarse, h);
     let mediator = table.mediator.spacing.unwrap_or(h);
     let free = table.mediator.shape.is_none() && fine.dem.count.is_none() && fine.divisions.is_none();
     Ok(Scenario {
@@ -96,11 +101,18 @@ pub(super) fn shell(
         overlap: width,
         movable: even && free && fills(fine, core, domain),
         spacings: [h, fine.spacing.unwrap_or(h), mediator],
+        frame: Frame::of_shell(table, [coarse, fine]),
         across: Some(across),
         length_ratio: length_ratio(table, mediator),
         speed: shear_speed(&base, coarse),
         ..base
     })
+}
+
+/// Returns the mean length of the elements that a body's spacing `h` gives \[m\].
+fn made(mesher: &Mesher, model: &ModelTable, h: f64) -> f64 {
+    let elements = mesher.elements(h).filter(|_| model.divisions.is_none());
+    elements.map_or(h, |e| e.h)
 }
 
 /// Returns the speed of shear waves \[m/s\]: they carry most of what spreads from a small region, and
@@ -185,11 +197,25 @@ fn nearest(x: &Point3<f64>, points: &[Point3<f64>]) -> f64 {
 
 /// Adds the sizes that only built models tell.
 pub(super) fn with_models(mut s: Scenario, scene: &SceneSpec, built: &Built) -> Result<Scenario> {
+    let models = built.run.subdomains();
+    let index = |name: &String| models.iter().position(|d| d.model().name() == name);
+    if let Some(c) = index(&s.names[1]) {
+        let table = s.coarse_table(scene);
+        let nominal = table.and_then(|m| s.mesher.elements(m.spacing?));
+        s.stretch = nominal.map_or(1.0, |e| built.models[c].spacing / e.mean);
+    }
     if s.kind == OverlapKind::Slab {
         return Ok(s);
     }
-    let models = built.run.subdomains();
-    let index = |name: &String| models.iter().position(|d| d.model().name() == name);
+    if let Some(zone) = scene
+        .zone
+        .get(&s.names[0])
+        .filter(|_| s.kind == OverlapKind::Zone)
+    {
+        let halved = |longest| s.halved(s.spacings[0], longest, 0.0);
+        s.spacings[2] = zone.mediator.spacing.map_or(s.spacings[0], halved);
+        s.length_ratio = zone.junction.length.map_or(0.25, |l| l / s.spacings[2]);
+    }
     let (Some(c), Some(f)) = (index(&s.names[1]), index(&s.names[2])) else {
         return Err(key(
             s.keys[1].clone(),

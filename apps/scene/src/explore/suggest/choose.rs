@@ -1,13 +1,14 @@
 //! Cost model, measured on this machine, and the search for the best candidate.
 
+use super::mesher::Elements;
 use super::predict::{self, Candidate, Errors, Form, Table};
 use super::scenario::{OverlapKind, Scenario, Spectrum};
 use crate::error::Result;
 use crate::spec::{JunctionKind, ProfileKind};
 use arlequin::core::TimeStep;
 
-/// Widths of the overlap to try, in coarse spacings.
-const WIDTHS: [f64; 5] = [2.0, 3.0, 4.0, 6.0, 8.0];
+/// Widths of the overlap to try, in coarse elements: fewer than three reflect long waves.
+const WIDTHS: [f64; 4] = [3.0, 4.0, 6.0, 8.0];
 /// Widths for a zone: its borders lie between elements, so that the overlap may be half an element narrower.
 const ZONE_WIDTHS: [f64; 4] = [3.5, 4.0, 6.0, 8.0];
 /// Mediator spacings to try, in coarse spacings.
@@ -132,6 +133,16 @@ pub enum Goal {
     Time(f64),
 }
 
+impl Goal {
+    /// Returns whether a prospect meets the goal.
+    pub(super) fn is_met(self, p: &Prospect) -> bool {
+        match self {
+            Self::Error(e) => p.errors.worst() <= e,
+            Self::Time(t) => p.seconds <= t,
+        }
+    }
+}
+
 /// All candidates for a scene, with the reflection of their overlaps.
 #[derive(Debug)]
 pub(super) struct Search<'a> {
@@ -160,18 +171,24 @@ impl<'a> Search<'a> {
             _ => vec![given],
         };
         // The coarse model keeps at least two elements across and four along.
-        let mut spacing = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
-        while spacing >= s.halved_to.unwrap_or(s.spacings[1]) {
-            for form in overlaps_to_try(s, spacing) {
+        let most = (s.lengths[0] / 4.0).min(s.across.unwrap_or(f64::INFINITY) / 2.0);
+        let least = s.halved_to.unwrap_or(s.spacings[1]);
+        for (spacing, elements) in s.mesher.spacings([most, least], SPACING_STEP, rounded) {
+            for form in overlaps_to_try(s, &elements) {
+                let new = candidate(s, &form, spacing, &elements, 0);
+                let width = s.movable.then_some(new.overlap);
+                let mediator = spacing * form.h_b;
+                if s.frame.as_ref().is_some_and(|f| !f.fits(width, mediator)) {
+                    continue;
+                }
                 // Overlaps that reflect alike share one harmonic analysis, the expensive part.
                 let known = forms.iter().position(|f| reflect_alike(f, &form));
                 let table = known.unwrap_or_else(|| {
                     forms.push(form);
                     forms.len() - 1
                 });
-                candidates.push(candidate(s, &form, spacing, table));
+                candidates.push(Candidate { table, ..new });
             }
-            spacing /= SPACING_STEP;
         }
         Ok(Self {
             scenario,
@@ -193,14 +210,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns the best candidate.
+    /// Returns the best candidate except for those that are made like a dropped one.
     pub(super) fn best(
         &self,
         goal: Goal,
         costs: &CostModel,
+        dropped: &[Candidate],
     ) -> std::result::Result<Prospect, Option<Prospect>> {
         let predict = |c| self.predict(c, costs, costs.dt(c));
-        let prospects: Vec<Prospect> = self.candidates.iter().map(predict).collect();
+        let prospects: Vec<Prospect> = {
+            let kept = |c: &&Candidate| !dropped.iter().any(|d| d.is_made_like(c));
+            self.candidates.iter().filter(kept).map(predict).collect()
+        };
         let least = |f: &dyn Fn(&Prospect) -> f64, keep: &dyn Fn(&Prospect) -> bool| {
             let eligible = prospects.iter().filter(|p| keep(p));
             eligible.min_by(|a, b| f(a).total_cmp(&f(b))).copied()
@@ -226,19 +247,44 @@ pub(super) fn as_given(s: &Scenario) -> (Candidate, Form) {
         junction: s.junction,
         length_ratio: (s.junction != JunctionKind::L2).then_some(s.length_ratio),
     };
-    (candidate(s, &form, h, 0), form)
+    let given = Candidate {
+        h,
+        spacing: h,
+        r: s.fine_spacing(h),
+        h_b,
+        overlap: s.overlap,
+        profile: form.profile,
+        length_ratio: form.length_ratio,
+        table: 0,
+    };
+    (given, form)
 }
 
-fn candidate(s: &Scenario, f: &Form, h: f64, table: usize) -> Candidate {
+fn candidate(s: &Scenario, f: &Form, spacing: f64, e: &Elements, table: usize) -> Candidate {
     Candidate {
-        h,
-        r: s.fine_spacing(h),
-        h_b: f.h_b * h,
-        overlap: f.overlap * h,
+        h: e.h,
+        spacing,
+        r: s.fine_spacing(e.h),
+        h_b: f.h_b * e.h,
+        overlap: if s.movable {
+            f.overlap * edge(s, e)
+        } else {
+            s.overlap
+        },
         profile: f.profile,
         length_ratio: f.length_ratio,
         table,
     }
+}
+
+/// Returns the length of a coarse element by which the width of an overlap is judged \[m\].
+pub(super) fn edge(s: &Scenario, e: &Elements) -> f64 {
+    (e.mean * s.stretch).max(e.h)
+}
+
+/// Rounds a spacing to four digits, which are more than it needs.
+pub(super) fn rounded(x: f64) -> f64 {
+    format!("{x:.3e}").parse().unwrap_or(x)
 }
 
 /// Returns whether two overlaps reflect alike.
@@ -251,8 +297,9 @@ fn reflect_alike(a: &Form, b: &Form) -> bool {
         && (a.profile, a.length_ratio) == (b.profile, b.length_ratio)
 }
 
-/// Returns the overlaps to try with a coarse spacing `h`.
-fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
+/// Returns the overlaps to try with coarse elements.
+fn overlaps_to_try(s: &Scenario, elements: &Elements) -> Vec<Form> {
+    let (h, edge) = (elements.h, edge(s, elements));
     let r = s.fine_spacing(h);
     let widths = match (s.movable, s.kind) {
         (false, _) => vec![s.overlap / h],
@@ -276,9 +323,9 @@ fn overlaps_to_try(s: &Scenario, h: f64) -> Vec<Form> {
         .unwrap_or(1.0);
     let mut out = Vec::new();
     for overlap in widths {
-        let too_wide = s.movable && overlap * h > 0.5 * s.lengths[0];
+        let too_wide = s.movable && overlap * edge > 0.5 * s.lengths[0];
         // The margin covers the rounding of the ends when they are written.
-        let too_narrow = s.movable && overlap * h < s.needed * (1.0 + 1e-6);
+        let too_narrow = s.movable && overlap * edge < s.needed * (1.0 + 1e-6);
         if too_wide || too_narrow || !(1.0..=40.0).contains(&overlap) {
             continue;
         }
@@ -330,14 +377,19 @@ mod tests {
     fn overlaps_keep_the_fine_model_where_its_probes_look() {
         let (.., mut s) = costs([0.5, 0.8]);
         let least = |s: &Scenario| {
-            overlaps_to_try(s, 0.5)
+            let half = Elements {
+                counts: vec![18],
+                h: 0.5,
+                mean: 0.5,
+            };
+            overlaps_to_try(s, &half)
                 .iter()
                 .map(|f| 0.5 * f.overlap)
                 .fold(f64::INFINITY, f64::min)
         };
-        assert!((least(&s) - 1.0).abs() < 1e-12);
-        s.needed = 1.2;
         assert!((least(&s) - 1.5).abs() < 1e-12);
+        s.needed = 1.7;
+        assert!((least(&s) - 2.0).abs() < 1e-12);
         s.movable = false;
         assert!((least(&s) - 2.0).abs() < 1e-12, "a width that stays has them");
     }

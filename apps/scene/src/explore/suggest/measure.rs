@@ -16,9 +16,9 @@ const TRIAL: f64 = 0.3;
 /// Number of steps timed together. The shortest time counts, because other programs share the machine.
 const STRETCH: usize = 10;
 
-/// Builds the scene with changes and makes trial steps. Returns the measurement, the end of the run \[s\] and
-/// the lengths of the scene with these changes.
-pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64, Scenario)> {
+/// Builds the scene with changes and makes trial steps. Returns the measurement, the end of the run \[s\],
+/// the lengths of the scene with these changes, and the warnings of its set-up.
+pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64, Scenario, Vec<String>)> {
     let begin = Instant::now();
     let change = |scene: Scene, c: &Change| match c.assignment() {
         Some(assignment) => scene.assign(&[assignment]),
@@ -64,7 +64,7 @@ pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f6
         most: most as f64,
         critical: sides.map(|k| run.critical_steps()[k]),
     };
-    Ok((measured, end, s))
+    Ok((measured, end, s, built.warnings))
 }
 
 /// Divides the measured seconds into coarse model, fine model, interface and rest.

@@ -8,11 +8,13 @@ mod apply;
 mod around;
 mod choose;
 mod measure;
+mod mesher;
 mod path;
 mod predict;
 mod scenario;
+mod settle;
 
-use crate::error::{Result, key, value};
+use crate::error::{Result, key};
 use crate::scene::Scene;
 use crate::spec::SceneSpec;
 use apply::Change;
@@ -22,12 +24,9 @@ use measure::measure;
 pub use predict::Errors;
 use scenario::{OverlapKind, Scenario};
 use serde::Serialize;
+use settle::{Settled, settle};
 use std::path::Path;
 
-/// Largest number of proposals that are built and measured.
-const ROUNDS: usize = 4;
-/// Largest relative difference of predicted and measured time.
-const AGREED: f64 = 0.15;
 /// Proposed step over critical step.
 const FRACTION: f64 = 0.9;
 
@@ -101,7 +100,7 @@ pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
 /// overlap.
 pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
     readable(scene.spec())?;
-    let (m, end, s) = measure(scene, &[])?;
+    let (m, end, s, _) = measure(scene, &[])?;
     let spectrum = scenario::spectrum(scene.spec(), &s, end, None)?;
     let (candidate, form) = choose::as_given(&s);
     let tables = predict::tables(&[form])?;
@@ -124,7 +123,7 @@ pub fn predict_as_given(scene: &Scene) -> Result<Prediction> {
 pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Proposal> {
     // Refused before anything is built.
     scenario::signal(scene.spec(), &readable(scene.spec())?, frequency)?;
-    let (first, end, s) = measure(scene, &[])?;
+    let (first, end, s, warnings) = measure(scene, &[])?;
     let spectrum = scenario::spectrum(scene.spec(), &s, end, frequency)?;
     let search = Search::new(&s, &spectrum, end)?;
     let fraction = s
@@ -134,8 +133,33 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
     let current = search.predict(&search.given, &as_given, first.dt);
     // The scene as given keeps its step; proposals choose theirs.
     let costs = CostModel::new(search.given, first, &s, FRACTION);
-    let (chosen, changes) = settle(scene, &search, goal, costs)?;
-    let absorber = s.absorber || apply::needs_absorber(&chosen);
+    let found = settle(scene, &search, goal, costs, &warnings);
+    let better = match found {
+        Ok(found) if found.improves(&current, goal) => Some(found),
+        Ok(_) => None,
+        Err(_) if goal.is_met(&current) => None,
+        Err(e) => return Err(e),
+    };
+    let given = || forecast(&search, &s, &current, fraction, s.absorber);
+    let mut notes = Vec::new();
+    if better.is_none() {
+        notes.push(match goal {
+            Goal::Error(_) => {
+                "the scene as given stays: it meets the goal, and nothing faster was found".to_owned()
+            }
+            Goal::Time(_) => {
+                "the scene as given stays: it meets the goal, and nothing more accurate was found".to_owned()
+            }
+        });
+    }
+    let proposed = better.as_ref().map_or_else(given, |b| {
+        let absorber =
+            s.absorber || (apply::needs_absorber(&b.prospect) && apply::absorber_works(&s, &b.prospect));
+        forecast(&search, &s, &b.prospect, FRACTION, absorber)
+    });
+    let chosen = better.as_ref().map_or(current, |b| b.prospect);
+    notes.extend(remarks(&s, &chosen, better.as_ref()));
+    let changes = better.map_or_else(Vec::new, |b| b.changes);
     Ok(Proposal {
         scene: scene.source().path.display().to_string(),
         goal: match goal {
@@ -143,71 +167,11 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
             Goal::Time(t) => format!("least error within {t} s"),
         },
         signal: spectrum.source.clone(),
-        given: forecast(&search, &s, &current, fraction, s.absorber),
-        proposed: forecast(&search, &s, &chosen, FRACTION, absorber),
+        given: given(),
+        proposed,
         set: changes.iter().filter_map(Change::assignment).collect(),
-        notes: notes(&s, &chosen),
+        notes,
         changes,
-    })
-}
-
-/// Picks a candidate, measures it, and picks again with the measured cost until prediction and measurement
-/// agree.
-fn settle(
-    scene: &Scene,
-    search: &Search<'_>,
-    goal: Goal,
-    mut costs: CostModel,
-) -> Result<(Prospect, Vec<Change>)> {
-    let s = search.scenario;
-    let mut proposal = pick(search, goal, &costs)?;
-    for round in 1..=ROUNDS {
-        let changes = apply::changes(scene.spec(), s, &proposal, FRACTION);
-        let (m, ..) = measure(scene, &changes)?;
-        // The measured candidate becomes the base, where scaling costs no accuracy.
-        costs = CostModel::new(proposal.candidate, m, s, FRACTION);
-        let measured = costs.seconds(&proposal.candidate, s, search.end);
-        let agreed = (proposal.seconds / measured - 1.0).abs() < AGREED;
-        proposal.seconds = measured;
-        let goal_met = match goal {
-            Goal::Error(_) => true,
-            Goal::Time(t) => measured <= t,
-        };
-        let next = pick(search, goal, &costs)?;
-        // A candidate that is picked again would only be measured again.
-        if round == ROUNDS || (agreed && goal_met) || next.candidate == proposal.candidate {
-            return Ok((proposal, changes));
-        }
-        proposal = next;
-    }
-    // Not reached: the last round returns.
-    pick(search, goal, &costs).map(|p| (p, Vec::new()))
-}
-
-fn pick(search: &Search<'_>, goal: Goal, costs: &CostModel) -> Result<Prospect> {
-    search.best(goal, costs).map_err(|nearest| {
-        let closest = |p: Prospect| {
-            format!(
-                "the closest is an error of {:.2e} in {:.2e} s with a coarse spacing of {:.2e} m",
-                p.errors.worst(),
-                p.seconds,
-                p.candidate.h
-            )
-        };
-        let none = || "no coarse spacing fits between the fine spacing and the body".to_owned();
-        let nearest = nearest.map_or_else(none, closest);
-        match goal {
-            Goal::Error(e) => value(
-                "--error",
-                e,
-                &format!("is out of reach: {nearest}; ask for a larger error"),
-            ),
-            Goal::Time(t) => value(
-                "--time",
-                t,
-                &format!("is out of reach: {nearest}; ask for a longer time [s]"),
-            ),
-        }
     })
 }
 
@@ -236,7 +200,8 @@ fn forecast(search: &Search<'_>, s: &Scenario, p: &Prospect, fraction: f64, abso
     }
 }
 
-fn notes(s: &Scenario, p: &Prospect) -> Vec<String> {
+/// Returns notes on a prospect; `new` is `None` if it is the scene as given.
+fn remarks(s: &Scenario, p: &Prospect, new: Option<&Settled>) -> Vec<String> {
     let mut out = Vec::new();
     if !s.movable {
         out.push(
@@ -268,10 +233,21 @@ fn notes(s: &Scenario, p: &Prospect) -> Vec<String> {
         );
     }
     if apply::needs_absorber(p) {
-        out.push(format!(
-            "{:.1e} of the signal's energy is above what the coarse model carries: the absorber takes it out",
+        let energy = format!(
+            "{:.1e} of the signal's energy is above what the coarse model carries",
             p.errors.above_cutoff
-        ));
+        );
+        let [width, ratio] = apply::proportions(s, p);
+        out.push(if s.absorber || (new.is_some() && apply::absorber_works(s, p)) {
+            format!("{energy}: the absorber takes it out")
+        } else {
+            format!(
+                "{energy}, and comes back from the overlap: an absorber takes it out of an overlap of 4 coarse elements or more \
+                 with 4 fine spacings in each (here {width:.1} and {ratio:.1})"
+            )
+        });
     }
+    let warn = |w: &String| format!("check warns of the proposal, and did not of the scene as given: {w}");
+    out.extend(new.into_iter().flat_map(|n| &n.warnings).map(warn));
     out
 }

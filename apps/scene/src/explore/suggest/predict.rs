@@ -25,8 +25,10 @@ const POINTS: usize = 20;
 /// One choice of settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
-    /// Coarse spacing \[m\].
+    /// Length of the coarse elements \[m\].
     pub h: f64,
+    /// Coarse spacing as it is written \[m\].
+    pub spacing: f64,
     /// Fine spacing \[m\].
     pub r: f64,
     /// Mediator spacing \[m\].
@@ -39,6 +41,14 @@ pub(super) struct Candidate {
     pub length_ratio: Option<f64>,
     /// Index of the table with the losses of its overlap.
     pub table: usize,
+}
+
+impl Candidate {
+    /// Returns whether both candidates have the same meshes and the same overlap.
+    pub(super) fn is_made_like(&self, other: &Self) -> bool {
+        let sizes = |c: &Self| [c.spacing, c.h_b, c.overlap].map(f64::to_bits);
+        sizes(self) == sizes(other)
+    }
 }
 
 /// Shape of an overlap in units of the coarse spacing.
@@ -406,6 +416,7 @@ steps = 1
         };
         let c = Candidate {
             h,
+            spacing: h,
             r: h,
             h_b: h,
             overlap: 4.0,

@@ -1,6 +1,7 @@
 //! Reads from a scene the quantities that decide accuracy and cost of its coupling.
 
 use super::around::{self, Around};
+use super::mesher::{Frame, Mesher};
 use super::path::{self, Origin};
 use crate::error::{Result, key};
 use crate::setup;
@@ -51,8 +52,14 @@ pub struct Scenario {
     /// Lengths of the coarse body and of the fine model's own region along the normal \[m\]; zero until the
     /// models are built if the overlap is no slab.
     pub lengths: [f64; 2],
-    /// Spacings of the coarse model, the fine model and the mediator \[m\].
+    /// Lengths of the elements of the coarse model, of the fine model and of the mediator \[m\].
     pub spacings: [f64; 3],
+    /// Mean edge of the coarse elements over that of the boxes they are made of; 1 until the models are built.
+    pub stretch: f64,
+    /// Division of the coarse body into elements.
+    pub(super) mesher: Mesher,
+    /// Mediator of a shell of boxes.
+    pub(super) frame: Option<Frame>,
     /// Longest distance between nodes \[m\] for which a zone halves the body's elements.
     pub halved_to: Option<f64>,
     /// Smallest size across the axis \[m\], or smallest size of a body with a shell or a zone; `None` for
@@ -84,13 +91,6 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    /// Returns the spacing of the fine model beside a coarse spacing `h` \[m\].
-    pub(super) fn fine_spacing(&self, h: f64) -> f64 {
-        self.halved_to.map_or(self.spacings[1], |longest| {
-            h / (h / longest).log2().ceil().max(1.0).exp2()
-        })
-    }
-
     /// Returns measures of the fine model and of the overlap for a width of the overlap \[m\], in any unit.
     pub(super) fn sizes(&self, overlap: f64) -> [f64; 2] {
         match &self.around {
@@ -155,6 +155,9 @@ fn scenario_of(scene: &SceneSpec, (name, table): (&str, &Interface), [c, f]: [&M
         needed: 0.0,
         lengths: [0.0; 2],
         spacings: [0.0; 3],
+        stretch: 1.0,
+        mesher: Mesher::of_shape(&c.shape, None),
+        frame: None,
         halved_to: None,
         across: None,
         profile: table.weight.kind(),
@@ -198,7 +201,11 @@ fn slab(
         && (far(ce, -inward) - fine[axis]).abs() < tolerance;
     // A count or divisions would change the fine spacing along with the length of the body.
     let movable = meets && table.mediator.shape.is_none() && f.dem.count.is_none() && f.divisions.is_none();
-    let spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
+    let mut spacings = spacings(table, c, f, [ce, fe], overlap, axis)?;
+    let mesher = Mesher::of_shape(&c.shape, Some(axis));
+    if c.divisions.is_none() {
+        spacings[0] = mesher.elements(spacings[0]).map_or(spacings[0], |e| e.h);
+    }
     let fine_probes = scene
         .probe
         .values()
@@ -213,6 +220,7 @@ fn slab(
         needed: inside.fold(0.0, f64::max),
         lengths: [ce[1] - ce[0], (fe[1] - fe[0] - overlap).max(0.0)],
         spacings,
+        mesher,
         across: across(&c.shape, axis),
         length_ratio: length_ratio(table, spacings[2]),
         probes: path::probes(scene, axis, fine[axis], inward),
