@@ -431,6 +431,10 @@ fn no_shipped_scene_is_called_odd() {
         ),
         ("quickstart.toml", &["model.right.spacing=2.5e-3"]),
         (
+            "strip.toml",
+            &["model.strip.spacing=1e-3", "model.strip.dem.protocol=quench"],
+        ),
+        (
             "two-bodies.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
         ),
