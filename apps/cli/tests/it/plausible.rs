@@ -388,7 +388,7 @@ fn dimensionless_scenes_are_not_held_against_solids() {
 /// times are those of the scenes.
 #[test]
 fn no_shipped_scene_is_called_odd() {
-    let shipped: [(&str, &[&str]); 17] = [
+    let shipped: [(&str, &[&str]); 18] = [
         (
             "ball-impact.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
