@@ -154,6 +154,11 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
         ("mises", Some(Fracture::new(Criterion::Mises, 500e6)), false),
         ("energy", Some(Fracture::new(Criterion::Energy, 50.0)), false),
         (
+            "tensile-energy",
+            Some(Fracture::new(Criterion::TensileEnergy, 50.0)),
+            false,
+        ),
+        (
             "rankine, strengths scatter",
             Some(Fracture {
                 scatter: Scatter::Weibull { modulus: 10.0 },

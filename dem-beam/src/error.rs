@@ -27,6 +27,15 @@ pub enum Error {
         /// The radius found \[m\].
         radius: f64,
     },
+    /// A fracture energy was given for a criterion that compares stresses.
+    #[error(
+        "criterion '{criterion}' compares stresses, and takes no fracture energy: choose 'energy' or \
+         'tensile-energy', or give a strength [Pa]"
+    )]
+    StressCriterion {
+        /// Name of the criterion.
+        criterion: &'static str,
+    },
     /// A coordinate, weight or load is NaN or infinite.
     #[error("{what} of {object} {index} is {value}: it must be finite")]
     NotFinite {

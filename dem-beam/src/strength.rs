@@ -14,7 +14,7 @@
 use crate::bond::{BeamMaterial, Twist};
 use crate::calibrate::{Bar, end_layers};
 use crate::error::{Error, Result};
-use crate::fracture::{Criterion, Fracture, locked};
+use crate::fracture::{Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
 use crate::statics::StaticProblem;
@@ -53,8 +53,8 @@ pub struct Strength {
     pub broken: usize,
     /// Number of all bonds.
     pub bonds: usize,
-    /// Nominal strength of the beams \[Pa\]. For [`Criterion::Energy`], the axial stress `√(2 E_b G/d)` at
-    /// which a beam of a mean diameter `d` holds the energy per section `G`.
+    /// Nominal strength of the beams \[Pa\]. For energies, the axial stress `√(2 E_b G/d)` at which a beam of
+    /// a mean diameter `d` holds the energy per section `G`.
     pub beam: f64,
 }
 
@@ -95,14 +95,12 @@ pub fn strength_test(
     }
     // Stresses are linear in the elongation, the energy per section grows with its square. This is the
     // elongation at the first break over that of the static solution.
-    let first = match fracture.criterion {
-        Criterion::Energy => load.sqrt().recip(),
-        _ => load.recip(),
-    };
     let diameter = 2.0 * model.body().mean_radius();
-    let nominal = match fracture.criterion {
-        Criterion::Energy => (2.0 * beam.young * fracture.strength / diameter).sqrt(),
-        _ => fracture.strength,
+    let (first, nominal) = if fracture.criterion.is_energy() {
+        let stress = (2.0 * beam.young * fracture.strength / diameter).sqrt();
+        (load.sqrt().recip(), stress)
+    } else {
+        (load.recip(), fracture.strength)
     };
     let pull = Pull {
         first: first * stretched.elongation,

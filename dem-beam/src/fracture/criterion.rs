@@ -6,6 +6,14 @@ use crate::finite::{Deformed, Pose};
 use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
+/// Energy that bonds release per area of a crack in the body, over their strength as an energy per section.
+/// Measured on edge-cracked strips, the same for both energies: docs/calibration.md has the table.
+const RELEASED_SHARE: f64 = 0.78;
+/// `κ` of a body's strength in tension `√(E G_c/(π κ d))`, where `d` is the mean diameter of the spheres: half
+/// the length of the crack that has this strength in a plate, in diameters. From the strength of plain bars:
+/// docs/calibration.md has the table.
+const FLAW: f64 = 0.71;
+
 /// Quantity that is compared with the strength of a bond; formulas in [`crate::fracture`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Criterion {
@@ -17,6 +25,24 @@ pub enum Criterion {
     Mises,
     /// Elastic energy per section \[J/m²\].
     Energy,
+    /// Elastic energy per section \[J/m²\] of a beam in tension; in compression its energy of bending and
+    /// torsion, as far as the section is in tension.
+    TensileEnergy,
+}
+
+/// Strength in tension \[Pa\] that a plain body of Young's modulus `young` \[Pa\] and fracture energy `gc`
+/// \[J/m²\] has if its spheres have the mean diameter `diameter` \[m\]: `√(E G_c/(π κ d))`. Energy criteria
+/// only.
+#[must_use]
+pub fn tensile_strength(young: f64, gc: f64, diameter: f64) -> f64 {
+    (young * gc / (std::f64::consts::PI * FLAW * diameter)).sqrt()
+}
+
+/// Mean diameter of the spheres \[m\] at which a body has both the strength in tension `strength` \[Pa\] and
+/// the fracture energy `gc` \[J/m²\]; the inverse of [`tensile_strength`].
+#[must_use]
+pub fn diameter_of_both(young: f64, gc: f64, strength: f64) -> f64 {
+    young * gc / (std::f64::consts::PI * FLAW * strength * strength)
 }
 
 /// Largest contribution to the load of a bond when it breaks, by the terms of its criterion.
@@ -121,7 +147,33 @@ impl Strain {
 }
 
 impl Criterion {
-    /// Load of every bond of a body \[Pa, or J/m² for [`Criterion::Energy`]\], unweighted and including
+    /// Returns whether loads and strengths are energies per section \[J/m²\]; otherwise they are stresses
+    /// \[Pa\].
+    #[must_use]
+    pub fn is_energy(self) -> bool {
+        matches!(self, Self::Energy | Self::TensileEnergy)
+    }
+
+    /// Name in scenes and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Axial => "axial",
+            Self::Rankine => "rankine",
+            Self::Mises => "mises",
+            Self::Energy => "energy",
+            Self::TensileEnergy => "tensile-energy",
+        }
+    }
+
+    /// Returns the fracture energy of the body over the strength of its bonds \[–\], or `None` for stresses:
+    /// under them the fracture energy depends on the size of the spheres.
+    #[must_use]
+    pub fn released_share(self) -> Option<f64> {
+        self.is_energy().then_some(RELEASED_SHARE)
+    }
+
+    /// Load of every bond of a body \[Pa, or J/m² where [`Self::is_energy`]\], unweighted and including
     /// broken bonds.
     ///
     /// `q` is a state of the small-rotation law: `3 n` displacements \[m\], then `3 n` rotations \[rad\].
@@ -152,11 +204,16 @@ impl Criterion {
         };
         let parts = match self {
             Self::Axial => return BreakMode::Tension,
-            Self::Energy => {
+            Self::Energy | Self::TensileEnergy => {
                 let k = &s.rigidity;
                 let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
+                let axial = if self == Self::TensileEnergy {
+                    e.axial.max(0.0)
+                } else {
+                    e.axial
+                };
                 [
-                    0.5 * e.length * k.axial * e.axial * e.axial,
+                    0.5 * e.length * k.axial * axial * axial,
                     2.0 * k.bending / e.length * bend,
                     0.5 * e.length * k.torsion * e.twist * e.twist,
                 ]
@@ -187,6 +244,19 @@ impl Criterion {
         s.young * s.radius / e.length * moment
     }
 
+    /// Load of a compressed beam under [`Self::TensileEnergy`] \[J/m²\]: its energy of bending and torsion,
+    /// reduced by the square of the largest principal tension over that without the compression.
+    fn compressed(s: &Section, e: &Strain) -> f64 {
+        let bent = Strain { axial: 0.0, ..*e };
+        let whole = Self::Rankine.value(s, &bent);
+        if whole <= 0.0 {
+            return 0.0;
+        }
+        // Without tension the sum below may come out a last digit under zero.
+        let tension = Self::Rankine.value(s, e).max(0.0);
+        Self::Energy.value(s, &bent) * (tension / whole).powi(2)
+    }
+
     /// Load to be compared with the strength \[Pa, or J/m²\].
     #[inline]
     pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {
@@ -195,7 +265,10 @@ impl Criterion {
             return normal;
         }
         let twist = e.twist;
-        if self == Self::Energy {
+        if self == Self::TensileEnergy && normal < 0.0 {
+            return Self::compressed(s, e);
+        }
+        if self.is_energy() {
             let k = &s.rigidity;
             let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
             let energy = 0.5 * e.length * (k.axial * e.axial * e.axial + k.torsion * twist * twist)
@@ -212,3 +285,6 @@ impl Criterion {
         0.5 * (tension + (tension * tension + 4.0 * shear * shear).sqrt())
     }
 }
+
+#[cfg(test)]
+mod tests;

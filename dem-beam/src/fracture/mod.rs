@@ -20,7 +20,12 @@
 //! rankine  1/2 (sigma_N + sigma_M + sqrt((sigma_N + sigma_M)^2 + 4 tau^2))    largest principal tension
 //! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
 //! energy   U/S, elastic energy of the bond per section [J/m²]
+//! tensile-energy    U/S for sigma_N >= 0, else (U_M + U_T)/S (s(sigma_N)/s(0))^2
 //! ```
+//!
+//! `U_M` and `U_T` are the energies of bending and torsion, and `s(sigma_N)` is the tension of `rankine`.
+//! Compression thus leaves the energy in proportion to the square of the tension that remains in the section;
+//! a beam without tension in any direction never breaks.
 //!
 //! `rankine` is the usual criterion for cohesive beams of brittle materials (André et al. 2012, 2013). The
 //! stress of a beam is not that of the packing: beams are stiffer than the packing, cover a part of the
@@ -36,7 +41,7 @@ pub(crate) mod state;
 
 pub use cracks::CRACK;
 use cracks::Cracks;
-pub use criterion::{BreakMode, Criterion};
+pub use criterion::{BreakMode, Criterion, diameter_of_both, tensile_strength};
 pub use scatter::Scatter;
 
 use crate::error::{Error, Result, positive};
@@ -49,7 +54,7 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 pub struct Fracture {
     /// Quantity that is compared with the strength.
     pub criterion: Criterion,
-    /// Strength \[Pa, or J/m² for [`Criterion::Energy`]\]. With Weibull scatter it is the characteristic
+    /// Strength \[Pa, or J/m² where [`Criterion::is_energy`]\]. With Weibull scatter it is the characteristic
     /// strength, at which 63.2 % of the bonds are broken; otherwise the mean.
     pub strength: f64,
     /// Scatter of the strengths between bonds.
@@ -78,6 +83,20 @@ impl Fracture {
             every: 1,
             spare_overlap: false,
         }
+    }
+
+    /// One strength for all bonds, so that a crack takes `gc` \[J/m²\] per area that it opens in the body.
+    ///
+    /// # Errors
+    /// [`Error::StressCriterion`] for a criterion that compares stresses; [`Error::OutOfRange`] unless
+    /// `gc > 0`.
+    pub fn from_fracture_energy(criterion: Criterion, gc: f64) -> Result<Self> {
+        let criterion_name = criterion.name();
+        let share = criterion.released_share().ok_or(Error::StressCriterion {
+            criterion: criterion_name,
+        })?;
+        positive("fracture energy gc", gc)?;
+        Ok(Self::new(criterion, gc / share))
     }
 
     /// Checks strength, scatter and interval. A model with this specification calls it itself.

@@ -12,7 +12,11 @@
 //! rankine   s B >= s^2 - tau^2 - s N           (from N + B + sqrt((N + B)^2 + 4 tau^2) >= 2 s)
 //! mises     |N| + B >= sqrt(s^2 - 3 tau^2)
 //! energy    U >= s S
+//! tensile-energy    U >= s S, with max(e, 0) in place of e
 //! ```
+//!
+//! The last line is an upper bound of the exact load. The exact load is equal to it in tension, and in
+//! compression is a share of the energy of bending and torsion.
 //!
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root. All terms are divided by the lowest strength
 //! beforehand, and multiplied by a length where this saves a division.
@@ -61,7 +65,7 @@ impl Screen {
         // The stress at which the longest bond reaches the energy `w` in pure tension: `w = stress^2 l / (2
         // E)`.
         let stress = match criterion {
-            Criterion::Energy => section.young * (2.0 * least / (section.young * longest)).sqrt(),
+            c if c.is_energy() => section.young * (2.0 * least / (section.young * longest)).sqrt(),
             _ => least,
         };
         // In the linear law `|m|^2` comes from rotations that may cancel. Its error is below `1e-12 (E r_b/l
@@ -159,6 +163,15 @@ impl<L: Lanes> Test<L> {
         l.nmadd(room, self.size(l, room), b)
     }
 
+    /// Strain, or change of length, whose axial energy counts.
+    #[inline(always)]
+    fn stretched(&self, l: L, x: L::V) -> L::V {
+        if matches!(self.criterion, Criterion::TensileEnergy) {
+            return l.max(x, self.zero);
+        }
+        x
+    }
+
     #[inline(always)]
     fn size(&self, l: L, x: L::V) -> L::V {
         l.max(x, l.sub(self.zero, x))
@@ -216,7 +229,8 @@ impl Screened for Linear {
         let (pi, pj) = (dot(l, p, ti), dot(l, p, tj));
         let twist = l.sub(pj, pi);
         let rotation_sum = sum(l, ti, tj);
-        if matches!(t.criterion, Criterion::Energy) {
+        if matches!(t.criterion, Criterion::Energy | Criterion::TensileEnergy) {
+            let strain = t.stretched(l, strain);
             let a = minus(l, c, t.two, rotation_sum);
             let b = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let stretch = l.mul(t.stretch, l.mul(strain, strain));
@@ -265,7 +279,8 @@ impl Screened for Finite {
         let (ci, cj) = (dot(l, n, ti), dot(l, n, tj));
         // Squares of rotated spans, multiplied by this, are squares of rotated axes.
         let unit = l.recip(near.square(l, k));
-        if matches!(t.criterion, Criterion::Energy) {
+        if matches!(t.criterion, Criterion::Energy | Criterion::TensileEnergy) {
+            let stretch = t.stretched(l, stretch);
             let axis_sum = minus(l, n, l.add(ci, cj), sum(l, ti, tj));
             let axis_difference = [l.sub(ti[0], tj[0]), l.sub(ti[1], tj[1]), l.sub(ti[2], tj[2])];
             let axis_difference = minus(l, n, l.sub(ci, cj), axis_difference);

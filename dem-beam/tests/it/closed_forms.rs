@@ -89,6 +89,32 @@ fn bonds_break_at_the_stress_of_beam_theory() {
     }
 }
 
+/// By the energy with a tension split, a beam that bends and is compressed breaks at `U_M/S ((b - p)/b)^2`,
+/// where `U_M = E I/(2 l) (2φ)²` is its energy of bending, `b` the bending stress and `p` the compression. It
+/// does not break where `p > b`.
+#[test]
+fn compressed_beams_break_by_the_tension_that_is_left() {
+    let (young, r, l) = (265e9, 0.71 * R, 2.0 * R);
+    let bend = 1e-3;
+    let bending = 2.0 * young * r * bend / l;
+    let energy = young * r * r / 4.0 * (2.0 * bend).powi(2) / (2.0 * l);
+    for share in [0.0, 0.3, 0.8] {
+        let left: f64 = 1.0 - share;
+        let deformation = [-share * bending * l / young, 0.0, bend];
+        let breaks_at = |factor: f64| {
+            breaks(
+                Criterion::TensileEnergy,
+                energy * left * left * factor,
+                deformation,
+            )
+        };
+        assert!(!breaks_at(1.001) && breaks_at(0.999), "compressed by {share} b");
+    }
+    let crushed = [-1.01 * bending * l / young, 0.0, bend];
+    assert!(!breaks(Criterion::TensileEnergy, 1e-6 * energy, crushed));
+    assert!(breaks(Criterion::Energy, energy, crushed));
+}
+
 /// Spheres of 1 and 2 mm have masses and volumes as the cubes of their radii, and inertias of two fifths of
 /// `m r²`.
 #[test]

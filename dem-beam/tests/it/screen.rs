@@ -60,6 +60,7 @@ fn marked_blocks_hold_every_bond_that_breaks() {
         (Criterion::Rankine, 900e6),
         (Criterion::Mises, 900e6),
         (Criterion::Energy, 80.0),
+        (Criterion::TensileEnergy, 40.0),
     ];
     for (k, (criterion, strength)) in strengths.into_iter().enumerate() {
         for finite in [false, true] {

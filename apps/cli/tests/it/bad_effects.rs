@@ -52,7 +52,29 @@ fn effects_of_particles() {
             "fracture = { criterion = \"tresca\", strength = 1.0 }",
             "unknown variant `tresca`",
         ),
-        ("fracture = { strength = 1.0 }", "missing field `criterion`"),
+        ("fracture = { strength = 1.0 }", "strength needs criterion"),
+        (
+            "fracture = { criterion = \"energy\" }",
+            "needs gc, the fracture energy of the body",
+        ),
+        ("fracture = { gc = 0.0 }", "fracture energy gc = 0"),
+        ("fracture = { gc = -8.0 }", "fracture energy gc = -8"),
+        (
+            "fracture = { criterion = \"rankine\", gc = 8.0 }",
+            "criterion 'rankine' compares stresses, and takes no fracture energy",
+        ),
+        (
+            "fracture = { criterion = \"energy\", gc = 8.0, strength = 10.0 }",
+            "gc implies a strength of ",
+        ),
+        (
+            "fracture = { criterion = \"axial\", gc = 8.0, strength = 200e6 }",
+            "a strength of 5.00e7 Pa with spheres of ",
+        ),
+        (
+            "fracture = { gc = 8.0, strength = 50e6 }",
+            "a strength of 5.00e7 Pa with spheres of ",
+        ),
         (
             "fracture = { criterion = \"axial\", strength = 1.0, weibull = 0.0 }",
             "Weibull modulus = 0",

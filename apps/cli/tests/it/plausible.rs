@@ -414,7 +414,7 @@ fn dimensionless_scenes_are_not_held_against_solids() {
 /// times are those of the scenes.
 #[test]
 fn no_shipped_scene_is_called_odd() {
-    let shipped: [(&str, &[&str]); 17] = [
+    let shipped: [(&str, &[&str]); 18] = [
         (
             "ball-impact.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
@@ -456,6 +456,10 @@ fn no_shipped_scene_is_called_odd() {
             &["model.bar.spacing=0.7e-3", "model.bar.dem.protocol=quench"],
         ),
         ("quickstart.toml", &["model.right.spacing=2.5e-3"]),
+        (
+            "strip.toml",
+            &["model.strip.spacing=1e-3", "model.strip.dem.protocol=quench"],
+        ),
         (
             "two-bodies.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],

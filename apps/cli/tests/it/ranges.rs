@@ -202,6 +202,11 @@ model.grains.dem.radii = "r"
 model.grains.dem = { file = "spheres.csv", seed = 2 }
 model.grains.dem = { count = 200, radius_ratio = 0.7 }
 effect.0.fracture.strength = 0.0
+effect.0.fracture.strength =
+effect.0.fracture.criterion =
+effect.0.fracture.gc = 8.0
+effect.0.fracture = { gc = 0.0 }
+effect.0.fracture = { gc = 8.0, criterion = "axial" }
 effect.0.fracture.weibull = 0.0
 effect.0.fracture.deviation = 0.334
 effect.0.fracture.deviation = -0.1
@@ -339,6 +344,8 @@ model.grains.dem.radius_ratio = 1.5
 model.grains.dem.poisson = 0.5
 model.grains.dem.seed = 0
 effect.0.fracture.deviation = 0.0
+effect.0.fracture = { gc = 1e-3 }
+effect.0.fracture = { gc = 8.0, criterion = "energy" }
 effect.1.contact = { restitution = 0.15, friction = 0.0, rolling = 0.0 }
 effect.1.contact.restitution = 1.0
 effect.2.obstacle.inertia = 1.0

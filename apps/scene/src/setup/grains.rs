@@ -1,16 +1,15 @@
 //! Features that only particles have: bonds that break, contact, obstacles, notches.
 
 use super::body::Grains;
+use super::fracture::{fracture, toughness};
 use super::packing::PackingLine;
 use super::time::time_function;
 use crate::error::{Result, dem, key, value};
-use crate::spec::{self, CriterionKind, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
+use crate::spec::{self, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::Packing;
-use arlequin::dem_beam::{
-    Contact, ContactBody, ContactLaw, Criterion, DemModel, Fracture, Motion, Obstacle, RigidShape, Scatter,
-};
+use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Motion, Obstacle, RigidShape};
 use std::collections::BTreeMap;
 
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
@@ -18,7 +17,7 @@ pub(super) fn build(
     mut model: DemModel,
     table: &ModelTable,
     effects: &[(usize, &Effect)],
-    packing: PackingLine,
+    mut packing: PackingLine,
 ) -> Result<(DemModel, Grains)> {
     let mut breaks = None;
     let mut brittle = false;
@@ -28,7 +27,8 @@ pub(super) fn build(
         };
         brittle = true;
         let path = format!("effect[{k}].fracture");
-        let spec = fracture(&path, f)?;
+        let spec = fracture(&path, f, table)?;
+        packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
         // With fracture off, the strengths only serve the warning that bonds would break.
         if !e.enabled {
             model = model.with_watched_strength(spec).map_err(dem(&path))?;
@@ -59,30 +59,6 @@ pub(super) fn build(
             packing,
         },
     ))
-}
-
-pub(super) fn fracture(path: &str, f: &spec::Fracture) -> Result<Fracture> {
-    let scatter = match (f.weibull, f.deviation) {
-        (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
-        (Some(modulus), None) => Scatter::Weibull { modulus },
-        (None, Some(deviation)) => Scatter::Normal { deviation },
-        (None, None) => Scatter::None,
-    };
-    let criterion = match f.criterion {
-        CriterionKind::Axial => Criterion::Axial,
-        CriterionKind::Rankine => Criterion::Rankine,
-        CriterionKind::Mises => Criterion::Mises,
-        CriterionKind::Energy => Criterion::Energy,
-    };
-    let spec = Fracture {
-        scatter,
-        seed: f.seed,
-        every: f.every.unwrap_or(1),
-        spare_overlap: f.spare_overlap,
-        ..Fracture::new(criterion, f.strength)
-    };
-    spec.check().map_err(dem(path))?;
-    Ok(spec)
 }
 
 /// Contact law for a material with Young's modulus `young` \[Pa\].

@@ -12,6 +12,7 @@ mod faces;
 mod files;
 pub mod filling;
 mod formula;
+mod fracture;
 mod grains;
 mod holdings;
 mod interface;

@@ -49,6 +49,20 @@ pub struct PackingLine {
     /// Stiffness of a zone's packing compared with the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub likeness: Option<Likeness>,
+    /// Fracture energy and the strength that follows from it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub toughness: Option<Toughness>,
+}
+
+/// Fracture energy of a packing and the strength that follows from it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Toughness {
+    /// Fracture energy of the body \[J/m²\].
+    pub gc: f64,
+    /// Mean diameter of the spheres \[m\].
+    pub diameter: f64,
+    /// Strength in tension of a plain body \[Pa\].
+    pub tensile_strength: f64,
 }
 
 /// Stiffness of a packing in its place.
@@ -64,6 +78,15 @@ pub struct Likeness {
     /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
     /// closed or supports hold the zone in every direction.
     pub across: Option<f64>,
+}
+
+impl Toughness {
+    fn text(&self) -> String {
+        format!(
+            "gc = {:e} J/m2 with spheres of {:.3e} m gives a plain body a strength in tension of about {:.1e} Pa",
+            self.gc, self.diameter, self.tensile_strength
+        )
+    }
 }
 
 /// A connected part of a packing.
@@ -120,6 +143,7 @@ impl PackingLine {
             mass: density * volume,
             mass_ratio: volume / packing.volume,
             likeness,
+            toughness: None,
         }
     }
 
@@ -221,6 +245,7 @@ impl PackingLine {
                 like.beams
             ));
         }
+        out.extend(self.toughness.as_ref().map(Toughness::text));
         if self.notch.bonds > 0 {
             out.push(format!(
                 "notches took {} bonds, and {} spheres of {:.3e} kg that hung on no others",

@@ -108,15 +108,21 @@ fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
         let EffectKind::Fracture(f) = &e.kind else {
             continue;
         };
+        use CriterionKind::{Axial, Mises, Rankine};
+        let (key, given) = match (f.gc, f.strength) {
+            (Some(gc), _) => ("gc", gc),
+            (None, Some(strength)) => ("strength", strength),
+            (None, None) => continue,
+        };
         let (x, range, what) = match f.criterion {
-            CriterionKind::Energy => (f.strength, ENERGY, "J/m²"),
-            _ => (f.strength / young, BREAKING, "of Young's modulus"),
+            Some(Axial | Rankine | Mises) => (given / young, BREAKING, "of Young's modulus"),
+            _ => (given, ENERGY, "J/m²"),
         };
         if let Some(far) = far_outside(x, range) {
             out.push(format!(
-                "effect[{k}].fracture: strength = {:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
+                "effect[{k}].fracture: {key} = {given:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
                  unit",
-                f.strength, range[0], range[1]
+                range[0], range[1]
             ));
         }
     }

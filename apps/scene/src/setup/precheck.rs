@@ -3,9 +3,9 @@
 use super::interface::Plan;
 use super::kind::Order;
 use super::kinds::{self, kind};
-use super::names::{effects_by_model, model_index, model_indices};
+use super::names::{effect_models, effects_by_model, model_index, model_indices};
 use super::shapes::ends;
-use super::{between, drive, grains, load, places, probe, select, statics, time};
+use super::{between, drive, fracture, grains, load, places, probe, select, statics, time};
 use crate::error::{Result, core, dem, key, unknown, value};
 use crate::spec::{Axis, Effect, EffectKind, ModelTable, Quantity, Reading, SceneSpec, Selection, Shape};
 use arlequin::core::invalid;
@@ -49,7 +49,7 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
     }
     between::touching(scene)?;
     for (k, e) in scene.effect.iter().enumerate() {
-        effect(k, e)?;
+        effect(k, e, scene)?;
     }
     acting(scene)?;
     watched(scene)?;
@@ -205,11 +205,19 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
     Err(unknown(path, name, "group of the model", groups.iter()))
 }
 
-/// Checks the numbers of an effect, independent of the models it acts on.
-fn effect(k: usize, e: &Effect) -> Result<()> {
+/// Checks the numbers of an effect.
+fn effect(k: usize, e: &Effect, scene: &SceneSpec) -> Result<()> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
-        EffectKind::Fracture(f) => grains::fracture(&path, f).map(|_| ()),
+        EffectKind::Fracture(f) => {
+            let models = effect_models(k, e, scene)?;
+            let mut tables = scene
+                .model
+                .values()
+                .enumerate()
+                .filter(|(m, _)| models.contains(m));
+            tables.try_for_each(|(_, table)| fracture::fracture(&path, f, table).map(|_| ()))
+        }
         // Any modulus: only the other numbers are checked.
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
         EffectKind::Obstacle(o) => {

@@ -195,15 +195,21 @@ fn usual_coefficient() -> f64 {
 /// Bonds that break.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::excludes("weibull", "deviation"))]
+#[schemars(transform = schema::excludes("weibull", "deviation"), transform = schema::exactly_one("gc strength"))]
+#[schemars(extend("dependencies" = { "strength": ["criterion"], "gc": schema::energy_criterion() }))]
 #[non_exhaustive]
 pub struct Fracture {
-    /// Measure that is compared with the strength.
-    pub criterion: CriterionKind,
-    /// Strength of the beams (not of the packing) \[Pa\]; for the energy criterion \[J/m²\]. With `weibull`
-    /// the characteristic strength, else the mean.
+    /// Measure that is compared with the strength. Default: `tensile-energy` with `gc`; needed with
+    /// `strength`.
+    pub criterion: Option<CriterionKind>,
+    /// Fracture energy of the body \[J/m²\]: what a crack takes per area that it opens. Sets the strength of
+    /// the beams; for `energy` and `tensile-energy`; excludes `strength`.
     #[schemars(extend("exclusiveMinimum" = 0))]
-    pub strength: f64,
+    pub gc: Option<f64>,
+    /// Strength of the beams (not of the packing) \[Pa\]; for `energy` and `tensile-energy` \[J/m²\]. With
+    /// `weibull` the characteristic strength, else the mean. Excludes `gc`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub strength: Option<f64>,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub weibull: Option<f64>,
@@ -245,6 +251,9 @@ pub enum CriterionKind {
     Mises,
     /// Elastic energy per section.
     Energy,
+    /// As `energy` in tension; in compression the energy of bending and torsion, as far as the section is in
+    /// tension.
+    TensileEnergy,
 }
 
 /// Contact between unbonded particles.

@@ -91,6 +91,11 @@ pub(crate) fn excludes(key: &'static str, others: &'static str) -> impl Transfor
     }
 }
 
+/// Accepts no criterion, or one that compares energies.
+pub(crate) fn energy_criterion() -> Value {
+    json!({ "properties": { "criterion": { "enum": ["energy", "tensile-energy"] } } })
+}
+
 /// Requires `value` of a constant profile, and refuses `value` of all others.
 pub(crate) fn value_if_constant(schema: &mut Schema) {
     let constant = json!({ "required": ["profile"], "properties": { "profile": { "const": "constant" } } });

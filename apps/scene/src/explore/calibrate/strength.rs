@@ -16,11 +16,12 @@ use serde::Serialize;
 const BEAMS: f64 = 200e6;
 
 /// All criteria with their names.
-const ALL: [(CriterionKind, &str); 4] = [
+const ALL: [(CriterionKind, &str); 5] = [
     (CriterionKind::Axial, "axial"),
     (CriterionKind::Rankine, "rankine"),
     (CriterionKind::Mises, "mises"),
     (CriterionKind::Energy, "energy"),
+    (CriterionKind::TensileEnergy, "tensile-energy"),
 ];
 
 /// Settings of a strength test.
@@ -109,6 +110,7 @@ pub(super) fn test_strength(
                 CriterionKind::Rankine => (Criterion::Rankine, strength),
                 CriterionKind::Mises => (Criterion::Mises, strength),
                 CriterionKind::Energy => (Criterion::Energy, energy),
+                CriterionKind::TensileEnergy => (Criterion::TensileEnergy, energy),
             };
             let fracture = Fracture {
                 scatter: asked

@@ -1,0 +1,104 @@
+//! `fracture` of particles: criterion, strength or fracture energy, scatter.
+
+use super::packing::Toughness;
+use crate::error::{Result, dem, key};
+use crate::spec::{self, CriterionKind, ModelTable};
+use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
+use arlequin::dem_beam::{Criterion, Fracture, Scatter};
+
+/// Strength of the beams over that of the body, without scatter (docs/calibration.md).
+const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
+    (Criterion::Axial, 4.0),
+    (Criterion::Rankine, 12.0),
+    (Criterion::Mises, 12.0),
+];
+
+/// Returns when the bonds of a model break.
+///
+/// # Errors
+/// Keys that are missing or exclude each other; values out of range.
+pub(super) fn fracture(path: &str, f: &spec::Fracture, model: &ModelTable) -> Result<Fracture> {
+    let scatter = match (f.weibull, f.deviation) {
+        (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
+        (Some(modulus), None) => Scatter::Weibull { modulus },
+        (None, Some(deviation)) => Scatter::Normal { deviation },
+        (None, None) => Scatter::None,
+    };
+    let base = match (f.gc, f.strength) {
+        (Some(gc), Some(strength)) => return Err(key(path, contradiction(f, gc, strength, model))),
+        (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc).map_err(dem(path))?,
+        (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
+        (None, Some(_)) => {
+            let rule = "strength needs criterion: a stress [Pa] for axial, rankine and mises, an energy per section [J/m2] \
+                        for energy and tensile-energy";
+            return Err(key(path, rule));
+        }
+        (None, None) => {
+            let rule = "needs gc, the fracture energy of the body [J/m2], or strength with criterion";
+            return Err(key(path, rule));
+        }
+    };
+    let spec = Fracture {
+        scatter,
+        seed: f.seed,
+        every: f.every.unwrap_or(1),
+        spare_overlap: f.spare_overlap,
+        ..base
+    };
+    spec.check().map_err(dem(path))?;
+    Ok(spec)
+}
+
+/// Returns the criterion, by default that of a fracture energy.
+fn criterion(f: &spec::Fracture) -> Criterion {
+    match f.criterion {
+        Some(CriterionKind::Axial) => Criterion::Axial,
+        Some(CriterionKind::Rankine) => Criterion::Rankine,
+        Some(CriterionKind::Mises) => Criterion::Mises,
+        Some(CriterionKind::Energy) => Criterion::Energy,
+        Some(CriterionKind::TensileEnergy) | None => Criterion::TensileEnergy,
+    }
+}
+
+/// Describes what a fracture energy and a strength each imply, and when both hold.
+fn contradiction(f: &spec::Fracture, gc: f64, strength: f64, model: &ModelTable) -> String {
+    let criterion = criterion(f);
+    let both = format!("gc = {gc:e} J/m2 and strength = {strength:e} exclude each other");
+    if let (Some(_), Some(share)) = (f.criterion, criterion.released_share()) {
+        return format!(
+            "{both}: gc implies a strength of {:.3e} J/m2, and the strength a gc of {:.3e} J/m2; remove one",
+            gc / share,
+            share * strength
+        );
+    }
+    let young = model.material.young;
+    let implied = model.spacing.map_or(String::new(), |d| {
+        let body = tensile_strength(young, gc, d);
+        format!("gc gives a body of spheres of {d:.3e} m a strength in tension of {body:.2e} Pa; ")
+    });
+    let ratio = BEAMS_OVER_BODY.iter().find(|(c, _)| *c == criterion);
+    let (of_beams, body) = ratio.map_or((String::new(), strength), |(c, ratio)| {
+        let name = c.name();
+        let text = format!(
+            "the strength of beams by '{name}' means about {:.2e} Pa; ",
+            strength / ratio
+        );
+        (text, strength / ratio)
+    });
+    format!(
+        "{both}: {implied}{of_beams}the body has the toughness of gc and a strength of {body:.2e} Pa with spheres of \
+         {:.2e} m only; keep gc without a criterion of stresses, or remove gc",
+        diameter_of_both(young, gc, body)
+    )
+}
+
+/// Returns the strength in tension of a model with spheres of this mean diameter \[m\] that follows from the
+/// fracture energy, if one is given.
+pub(super) fn toughness(f: &spec::Fracture, model: &ModelTable, diameter: f64) -> Option<Toughness> {
+    let gc = f.gc?;
+    Some(Toughness {
+        gc,
+        diameter,
+        tensile_strength: tensile_strength(model.material.young, gc, diameter),
+    })
+}
