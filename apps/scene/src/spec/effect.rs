@@ -251,8 +251,8 @@ pub enum CriterionKind {
     Mises,
     /// Elastic energy per section.
     Energy,
-    /// As `energy` in tension; in compression the energy of bending and torsion, as far as the section is in
-    /// tension.
+    /// Elastic energy per section, in compression only that of bending and torsion, as far as the section is
+    /// in tension.
     TensileEnergy,
 }
 
