@@ -215,7 +215,17 @@ fn a_scene_that_cannot_be_tested_is_refused_at_once() {
             &[text(&bar), "--strength", "--periodic"],
             "remove --periodic or --strength",
         ),
-        (&[text(&bar), "--strength", "--sizes", "2e-3"], "below 8"),
+        (
+            &[
+                text(&bar),
+                "--cylinder",
+                "8e-3,1e-3",
+                "--strength",
+                "--sizes",
+                "2e-3",
+            ],
+            "below 8",
+        ),
         (
             &[
                 text(&bar),

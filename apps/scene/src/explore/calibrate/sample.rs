@@ -220,6 +220,10 @@ fn replace_shape(
     let [x, y]: [f64; 2] = [edge(length), edge(width)];
     table.shape = cuboid([x, y, y]);
     table.dem.notch.clear();
+    // A number that the scene gives is that of its own shape; in the bar, the size of the spheres stays.
+    if wanted.count.is_none() {
+        (table.dem.count, table.spacing) = (None, Some(wanted_size));
+    }
     Ok(Some(format!(
         "{model_key}.shape ({}) is no bar along x of {long} mean diameters (of {largest:.2e} m) and twice its width: a bar of {x:e} by \
          {y:e} by {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
