@@ -16,7 +16,7 @@ fn strip(fracture: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/strip.toml");
     let text = std::fs::read_to_string(path).expect("the shipped scene");
     let lines = text.lines().map(|line| match line {
-        l if l.starts_with("spacing =") => "spacing = 0.8e-3\ndem.protocol = \"quench\"".to_owned(),
+        l if l.starts_with("spacing =") => "spacing = 0.7e-3".to_owned(),
         l if l.starts_with("fracture =") => format!("fracture = {fracture}"),
         l if l.starts_with("interval =") => "interval = 70e-6".to_owned(),
         l => l.to_owned(),
@@ -59,40 +59,51 @@ fn a_crack_takes_the_fracture_energy_per_area() {
     let released: f64 = inside.map(|b| b[2]).sum();
     let per_area = released / ((high - low) * thickness);
     assert!(
-        (per_area / GC - 1.0).abs() < 0.25,
+        (per_area / GC - 1.0).abs() < 0.12,
         "{per_area} J/m2 of {GC} J/m2, {} bonds",
         by_energy.len()
     );
 }
 
-/// Bonds under compression hold by the criterion of a fracture energy, and break by the plain energy.
-#[test]
-fn a_pressed_block_holds() {
-    let block = |criterion: &str| {
-        format!(
-            r#"
+/// A block between walls, pressed along x.
+const BLOCK: &str = r#"
 [model.block]
 kind = "dem"
-shape.box = {{ low = [0.0, 0.0, 0.0], high = [4e-3, 4e-3, 4e-3] }}
+shape.box = { low = [0.0, 0.0, 0.0], high = [4e-3, 4e-3, 4e-3] }
 spacing = 0.6e-3
 dem.protocol = "quench"
-material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}
-[[support]]
-model = "block"
-where = "x-min"
+material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }
 [[support]]
 model = "block"
 where = "x-max"
 components = ["x"]
-motion = {{ amplitude = -4e-6, time.ramp = {{ duration = 10e-6 }} }}
-[[effect]]
-fracture = {{ criterion = "{criterion}", gc = 10.0 }}
+motion = { amplitude = -2.5e-6, time.ramp = { duration = 10e-6 } }
 [time]
 end = 10e-6
-"#
-        )
+"#;
+
+/// A pressed block between walls is crushed by the plain energy; by the criterion of a fracture energy it
+/// holds.
+#[test]
+fn a_pressed_block_holds() {
+    let broken = |criterion: &str| {
+        let mut scene = BLOCK.to_owned();
+        for (wall, component) in [
+            ("x-min", "x"),
+            ("y-min", "y"),
+            ("y-max", "y"),
+            ("z-min", "z"),
+            ("z-max", "z"),
+        ] {
+            scene.push_str(&format!(
+                "[[support]]\nmodel = \"block\"\nwhere = \"{wall}\"\ncomponents = [\"{component}\"]\n"
+            ));
+        }
+        scene.push_str(&format!(
+            "[[effect]]\nfracture = {{ criterion = \"{criterion}\", gc = 10.0 }}\n"
+        ));
+        breaks(&format!("block-{criterion}"), &scene).len()
     };
-    let crushed = breaks("block-energy", &block("energy")).len();
-    let held = breaks("block-tensile", &block("tensile-energy")).len();
-    assert!(crushed > 20 && 4 * held < crushed, "{held} of {crushed} break");
+    assert!(broken("energy") > 20);
+    assert_eq!(broken("tensile-energy"), 0);
 }
