@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// Smallest and largest number of slabs in which a body is sampled.
 const LEAST_SLABS: usize = 128;
-const MOST_SLABS: usize = 4096;
+const MOST_SLABS: usize = 16_384;
 /// Points along each edge of the grid in a section, points of a section that is sampled again, and the share
 /// of the grid below which it is.
 const GRID: usize = 24;
@@ -16,9 +16,9 @@ const FEW: f64 = 1.0 / 8.0;
 /// Returns the area of a body's section across `axis` at `plane`, in points of a grid over the bounding box.
 ///
 /// A grid coarser than the spheres may miss limbs that hold spheres, or hit them too often. A section that
-/// fills little of the box is therefore sampled once more, by some ten points per sphere of a sequence without
-/// lattice lines (the additive recurrence of the plastic number).
-fn section(container: &Container, axis: usize, plane: f64, radius: f64) -> f64 {
+/// fills little of the box is therefore sampled once more, by points of a sequence without lattice lines (the
+/// additive recurrence of the plastic number), which goes on from section to section.
+fn section(container: &Container, axis: usize, plane: f64, (radius, number): (f64, usize)) -> f64 {
     let (low, high) = container.bounds();
     let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
     let is_inside = |u: f64, v: f64| {
@@ -36,9 +36,12 @@ fn section(container: &Container, axis: usize, plane: f64, radius: f64) -> f64 {
     if hits >= FEW * whole as f64 || wide.max(high) <= GRID as f64 * radius {
         return hits;
     }
-    let points = ((4.0 * wide * high / (radius * radius)) as usize).clamp(whole, MOST_POINTS);
+    let points = ((0.5 * wide * high / (radius * radius)) as usize).clamp(whole, MOST_POINTS);
     let place = |k: usize| [PLASTIC, PLASTIC * PLASTIC].map(|p| (0.5 + k as f64 / p).fract());
-    let again = (0..points).map(place).filter(|[u, v]| is_inside(*u, *v)).count();
+    let again = (number * points..(number + 1) * points)
+        .map(place)
+        .filter(|[u, v]| is_inside(*u, *v))
+        .count();
     again as f64 * whole as f64 / points as f64
 }
 
@@ -69,11 +72,11 @@ impl Profile {
                 cumulative: vec![0.0, 1.0],
             };
         }
-        // No limb that holds a sphere passes between two planes.
-        let slabs = ((0.5 * extent / radius).ceil() as usize).clamp(LEAST_SLABS, MOST_SLABS);
+        // A limb across the axis is as thick as the planes that hit it are many: a sphere has eight of them.
+        let slabs = ((4.0 * extent / radius).ceil() as usize).clamp(LEAST_SLABS, MOST_SLABS);
         let slab = extent / slabs as f64;
         let plane = |s: usize| low[axis] + slab * (s as f64 + 0.5);
-        let section = |s: usize| section(container, axis, plane(s), radius);
+        let section = |s: usize| section(container, axis, plane(s), (radius, s));
         let sections: Vec<f64> = (0..slabs).into_par_iter().map(section).collect();
         let mut cumulative = vec![0.0];
         let mut total = 0.0;

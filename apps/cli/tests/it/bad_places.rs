@@ -71,7 +71,12 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
     assert_refused("skin", &skin, "probe.here.at", "move the probe in by a diameter");
     // A corner of the box around the cylinder that lies outside of the cylinder.
     let corner = probe("tail", "[12e-3, 0.95e-3, 0.95e-3]");
-    assert_refused("corner", &corner, "probe.here.at", "lies outside model 'tail'");
+    assert_refused(
+        "corner",
+        &corner,
+        "probe.here.at",
+        "lies in no part of model 'tail'",
+    );
     let box_of = "where.box = { low = [1.0, 1.0, 1.0], high = [2.0, 2.0, 2.0] }";
     let support = extended(&format!("[[support]]\nmodel = \"tail\"\n{box_of}\n"));
     assert_refused(
@@ -160,7 +165,7 @@ fn scenes_at_rest_that_can_move_are_refused_by_check() {
                [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\ncomponents = [\"x\"]\n\
                [[load]]\nmodel = \"bar\"\nwhere = \"x-max\"\nforce = [1.0, 0.0, 0.0]\ntime = \"step\"\n\
                [static]\nsteps = 1\n";
-    let words = "'bar' can move along y and z and turn about x; fix rigid motions";
+    let words = "'bar' can move along y and z and turn about x: no support holds it";
     assert_refused("rest", bar, "static", words);
 }
 

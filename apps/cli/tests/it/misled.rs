@@ -70,7 +70,7 @@ component = "x"
     assert_message(
         &folder,
         round,
-        &["probe.corner.at", "lies outside model 'rod'"],
+        &["probe.corner.at", "lies in no part of model 'rod'"],
         "mediator",
     );
 }

@@ -117,7 +117,7 @@ fn a_scene_that_is_as_good_stays() {
 #[test]
 fn a_shell_moves_its_domain_and_the_fine_body() {
     let scene = written("suggest-shell", SHELL);
-    let (proposal, better) = proposed(&scene, &["--error", "30%", "--frequency", "3e5"]);
+    let (proposal, better) = proposed(&scene, &["--error", "1%", "--frequency", "3e5"]);
     let moved = [
         "interface.rim.overlap.shell.domain.box.low",
         "interface.rim.overlap.shell.domain.box.high",

@@ -429,5 +429,6 @@ fn the_frequency_that_is_asked_for_decides_the_error() {
     let (slow, fast) = (asked("0.4"), asked("0.8"));
     let ratio = fast.0 / slow.0;
     assert!((3.5..9.0).contains(&ratio), "{slow:?} {fast:?}: {ratio}");
-    assert!(fast.1 < 0.6 * slow.1, "{slow:?} {fast:?}");
+    // Lengths divide the bar, so that they do not halve exactly.
+    assert!(fast.1 < 0.65 * slow.1, "{slow:?} {fast:?}");
 }

@@ -440,8 +440,8 @@ fn periodic(wanted: &Wanted, model_key: String, table: ModelTable, beam: BeamMat
 
 #[cfg(test)]
 mod tests {
+    use super::super::StrengthTest;
     use super::*;
-    use crate::calibrate::StrengthTest;
 
     /// Returns whether the shape of a scene, a bar of 10 mm with 25 spheres of 0.4 mm along it, is tested itself.
     fn is_tested(wanted: &Wanted) -> bool {
