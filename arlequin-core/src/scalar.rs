@@ -30,9 +30,10 @@ pub trait Real:
     /// Distance between one and the next larger number.
     fn epsilon() -> Self;
 
-    /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored). With the place of
-    /// each unknown \[m\], the order of elimination follows from nested dissection of the places, which makes
-    /// factors of solids several times cheaper. Places of another number than unknowns are ignored.
+    /// Sparse Cholesky factor of a symmetric positive definite matrix (both triangles stored). With the
+    /// place of each unknown \[m\], the order of elimination follows from nested dissection of the places,
+    /// which makes factors of solids several times cheaper. Places of another number than unknowns are
+    /// ignored.
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] with the pivot at which the factorisation broke down.

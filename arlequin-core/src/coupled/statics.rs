@@ -338,8 +338,8 @@ impl<T: Real> System<T> {
 }
 
 /// Eliminates prescribed unknowns, scales symmetrically and solves with iterative refinement; returns the
-/// solution, its relative residual and whether the factor has pivoting. The first `moving` unknowns are displacements, the others multipliers.
-/// The matrix is factored only if it differs from that of `cache`.
+/// solution, its relative residual and whether the factor has pivoting. The first `moving` unknowns are
+/// displacements, the others multipliers. The matrix is factored only if it differs from that of `cache`.
 fn solve_with_supports<T: Real>(
     system: &System<T>,
     moving: usize,

@@ -12,8 +12,8 @@ pub enum Solver<T> {
     /// too much memory.
     #[default]
     Auto,
-    /// Cholesky factor, exact. If multipliers are dependent: eigenvectors of the non-zero modes or, beyond 400
-    /// multipliers per component, a factor of independent ones, the others being zero.
+    /// Cholesky factor, exact. If multipliers are dependent: eigenvectors of the non-zero modes or, beyond
+    /// 400 multipliers per component, a factor of independent ones, the others being zero.
     Factor,
     /// Conjugate gradients from zero. The result costs no energy at any number of iterations; the velocity
     /// jump is only as small as the tolerance.

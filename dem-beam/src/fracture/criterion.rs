@@ -9,9 +9,9 @@ use nalgebra::Vector3;
 /// Energy that bonds release per area of a crack in the body, over their strength as an energy per section.
 /// Measured on edge-cracked strips, the same for both energies: docs/calibration.md has the table.
 const RELEASED_SHARE: f64 = 0.78;
-/// `κ` of a body's strength in tension `√(E G_c/(π κ d))`, where `d` is the mean diameter of the spheres: half
-/// the length of the crack that has this strength in a plate, in diameters. From the strength of plain bars:
-/// docs/calibration.md has the table.
+/// `κ` of a body's strength in tension `√(E G_c/(π κ d))`, where `d` is the mean diameter of the spheres:
+/// half the length of the crack that has this strength in a plate, in diameters. From the strength of plain
+/// bars: docs/calibration.md has the table.
 const FLAW: f64 = 0.71;
 
 /// Quantity that is compared with the strength of a bond; formulas in [`crate::fracture`].

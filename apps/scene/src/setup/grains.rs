@@ -207,7 +207,8 @@ pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses notches that cannot leave a cut body: beside a shape between the corners `ends`, or over all of it.
+/// Refuses notches that cannot leave a cut body: beside a shape between the corners `ends`, or over all of
+/// it.
 pub(super) fn check_notches(path: &str, boxes: &[NotchBox], ends: [Vector3<f64>; 2]) -> Result<()> {
     check_boxes(path, boxes)?;
     let [from, to] = ends;

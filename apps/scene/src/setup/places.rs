@@ -91,8 +91,8 @@ fn meets(path: &str, selection: &Selection, name: &str, ends: [Vector3<f64>; 2])
     Err(key(path, rule))
 }
 
-/// Refuses groups, boxes and points that the shapes of particles do not have, judged by the scene and its files
-/// alone.
+/// Refuses groups, boxes and points that the shapes of particles do not have, judged by the scene and its
+/// files alone.
 ///
 /// # Errors
 /// The key, and the known groups or the reason.

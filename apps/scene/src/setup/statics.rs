@@ -126,7 +126,8 @@ pub(super) fn check_held(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether nothing in a scene makes the load steps other than linear, so that they are solved directly.
+/// Returns whether nothing in a scene makes the load steps other than linear, so that they are solved
+/// directly.
 fn is_linear(scene: &SceneSpec) -> bool {
     let linear = |e: &Effect| !e.enabled || e.kind.bearer() != Bearer::Particles && e.between.is_none();
     let plain = |m: &ModelTable| !m.dem.finite_rotations && !kind(m.kind).is_remote();

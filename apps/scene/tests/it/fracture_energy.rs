@@ -41,8 +41,8 @@ fn breaks(name: &str, scene: &str) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// `gc` is the same as the strength that it implies, to the bit. A crack takes `gc` per area within the scatter
-/// of single strips that docs/calibration.md states.
+/// `gc` is the same as the strength that it implies, to the bit. A crack takes `gc` per area within the
+/// scatter of single strips that docs/calibration.md states.
 #[test]
 fn a_crack_takes_the_fracture_energy_per_area() {
     let by_energy = breaks("strip-gc", &strip(&format!("{{ gc = {GC:?} }}")));

@@ -443,7 +443,8 @@ mod tests {
     use super::super::StrengthTest;
     use super::*;
 
-    /// Returns whether the shape of a scene, a bar of 10 mm with 25 spheres of 0.4 mm along it, is tested itself.
+    /// Returns whether the shape of a scene, a bar of 10 mm with 25 spheres of 0.4 mm along it, is tested
+    /// itself.
     fn is_tested(wanted: &Wanted) -> bool {
         let text = "[model.bar]\nkind = \"dem\"\nspacing = 0.4e-3\n\
              shape.cylinder = { from = [0, 0, 0], length = 10.1e-3, radius = 1e-3 }\n\

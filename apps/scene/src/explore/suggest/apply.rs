@@ -147,8 +147,8 @@ fn mediator(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Option<Change> {
     let table = &s.keys[1];
     if s.kind == OverlapKind::Zone {
         // The mediator consists of the body's elements: only a finer one needs a spacing, or a spacing that
-        // the scene gives. Elements are halved until they are no longer, so that half-way between two halvings
-        // the number is sure in spite of elements of several lengths.
+        // the scene gives. Elements are halved until they are no longer, so that half-way between two
+        // halvings the number is sure in spite of elements of several lengths.
         let given = scene.zone.get(&s.names[0])?.mediator.spacing;
         let longest = SQRT_2 * c.h_b * s.stretch;
         return (c.h_b < (1.0 - 1e-6) * c.h || given.is_some())

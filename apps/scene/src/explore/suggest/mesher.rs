@@ -87,8 +87,8 @@ impl Mesher {
         Some(Elements { counts, h, mean })
     }
 
-    /// Returns spacings between `most` and `least` \[m\] with their elements, from long to short: each shorter
-    /// by the factor `step` at least, and written with `digits`.
+    /// Returns spacings between `most` and `least` \[m\] with their elements, from long to short: each
+    /// shorter by the factor `step` at least, and written with `digits`.
     pub(super) fn spacings(
         &self,
         [most, least]: [f64; 2],
@@ -126,8 +126,8 @@ impl Scenario {
             .map_or(self.spacings[1], |longest| self.halved(h, longest, 1.0))
     }
 
-    /// Returns the length of the body's elements `h` \[m\] after they were halved, at least `least` times, until
-    /// their mean edge is no longer than `longest` \[m\].
+    /// Returns the length of the body's elements `h` \[m\] after they were halved, at least `least` times,
+    /// until their mean edge is no longer than `longest` \[m\].
     pub(super) fn halved(&self, h: f64, longest: f64, least: f64) -> f64 {
         // As for the zone itself, a length that fits up to round-off needs no further halving.
         h / ((h * self.stretch / longest).log2() - 1e-6)
@@ -178,8 +178,8 @@ impl Frame {
         })
     }
 
-    /// Returns whether a mediator of a spacing \[m\] leaves the core out by whole elements. `width`: new width
-    /// of the shell \[m\], if it changes.
+    /// Returns whether a mediator of a spacing \[m\] leaves the core out by whole elements. `width`: new
+    /// width of the shell \[m\], if it changes.
     pub(super) fn fits(&self, width: Option<f64>, spacing: f64) -> bool {
         let [a, b] = self.core;
         let [mut low, mut high] = self.common;

@@ -54,7 +54,8 @@ pub struct Scenario {
     pub lengths: [f64; 2],
     /// Lengths of the elements of the coarse model, of the fine model and of the mediator \[m\].
     pub spacings: [f64; 3],
-    /// Mean edge of the coarse elements over that of the boxes they are made of; 1 until the models are built.
+    /// Mean edge of the coarse elements over that of the boxes they are made of; 1 until the models are
+    /// built.
     pub stretch: f64,
     /// Division of the coarse body into elements.
     pub(super) mesher: Mesher,
