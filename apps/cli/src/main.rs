@@ -133,7 +133,7 @@ impl Command {
 struct Common {
     /// Scene file.
     scene: PathBuf,
-    /// Change a value of the scene, such as time.end=1e-3; may be repeated.
+    /// Change a value of the scene, such as time.end=1e-3; without a value, remove the key; may be repeated.
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Worker threads [default: one per core]

@@ -149,7 +149,7 @@ impl Scene {
         &self.ranks
     }
 
-    /// Applies assignments `PATH=VALUE` in their order.
+    /// Applies assignments `PATH=VALUE` in their order; `PATH=` removes a key.
     ///
     /// # Errors
     /// See [`Self::set`].
@@ -190,7 +190,11 @@ impl Scene {
             value: value.to_owned(),
             message,
         };
-        assign(&mut self.table, path, parse_value(value)).map_err(bad)?;
+        let changed = match value {
+            "" => remove(&mut self.table, path),
+            value => assign(&mut self.table, path, parse_value(value)),
+        };
+        changed.map_err(bad)?;
         plausible("", &self.table)?;
         self.read_table(bad)?;
         self.changes.push(format!("{path}={value}"));
@@ -204,18 +208,6 @@ impl Scene {
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
         self.spec = lowered(spec)?;
         Ok(())
-    }
-
-    /// Removes a key, such as `interface.joint.weight.value`, if it is there; [`Self::changes`] does not list
-    /// it.
-    pub(crate) fn without(mut self, path: &str) -> Result<Self> {
-        let (head, last) = path.rsplit_once('.').unwrap_or(("", path));
-        let mut parts = head.split('.').filter(|p| !p.is_empty());
-        let table = parts.try_fold(&mut self.table, |table, part| table.get_mut(part)?.as_table_mut());
-        if table.and_then(|t| t.remove(last)).is_some() {
-            self.read_table(|message| key(path, message))?;
-        }
-        Ok(self)
     }
 
     /// The tables of the scene, changes included.
@@ -379,6 +371,31 @@ fn assign(root: &mut toml::Table, path: &str, new: Value) -> std::result::Result
     }
     *child(node, last)? = new;
     Ok(())
+}
+
+/// Removes a key and its value.
+fn remove(root: &mut toml::Table, path: &str) -> std::result::Result<(), String> {
+    let parts = parts(path)?;
+    let (last, head) = parts.split_last().ok_or("the path is empty")?;
+    let mut table = Some(root);
+    let mut head = head.iter().map(|k| k.get());
+    while let (Some(inside), Some(part)) = (table.take(), head.next()) {
+        table = match inside.get_mut(part) {
+            Some(Value::Table(t)) => Some(t),
+            // The next part is the number of an entry.
+            Some(Value::Array(entries)) => {
+                let entry = head
+                    .next()
+                    .and_then(|k| entries.get_mut(k.parse::<usize>().ok()?));
+                entry.and_then(Value::as_table_mut)
+            }
+            _ => None,
+        };
+    }
+    let removed = table.and_then(|t| t.remove(last.get()));
+    let missing =
+        "is not in the scene: nothing is removed; name a key that the scene file has, or give a value";
+    removed.map(|_| ()).ok_or_else(|| missing.to_owned())
 }
 
 /// Splits a path as TOML writes it (`probe."my tip".at`). `support[0]`, as messages write it, equals

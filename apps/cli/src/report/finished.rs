@@ -36,13 +36,13 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
         w.output,
         s.threads
     );
-    println!("results    {}", place.display());
+    print_line!("results    {}", place.display());
     let next = if s.status == "interrupted" {
         "resume"
     } else {
         "view"
     };
-    println!("next: arlequin {next} {}", shell_word(place));
+    print_line!("next: arlequin {next} {}", shell_word(place));
 }
 
 /// Prints the figures of the results: peaks, the largest stress, broken bonds, fragments, waking.

@@ -1,10 +1,12 @@
 //! All printing of the program, and the files that it writes for people: text, Markdown, HTML, SVG. The
 //! libraries supply the data and print nothing.
-#![allow(
-    clippy::print_stdout,
-    clippy::print_stderr,
-    reason = "a command line talks to its user, and does so here only"
-)]
+
+/// Prints a formatted line.
+macro_rules! print_line {
+    ($($text:tt)+) => {
+        $crate::report::line(&format!($($text)+))
+    };
+}
 
 /// Prints a formatted text behind its label, wrapped to the width of the terminal.
 macro_rules! entry {
@@ -33,7 +35,7 @@ pub(crate) use run::{comparison, holdings, not_started, plan, proposal};
 use crate::error::Result;
 pub(crate) use progress::Progress;
 use serde::Serialize;
-use std::io::IsTerminal;
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -78,9 +80,9 @@ pub(crate) fn phase_reporter() -> impl FnMut(&str, usize, usize) {
     move |phase, done, total| progress.phase(phase, done, total)
 }
 
-/// Prints an error.
+/// Prints a text to the error stream. If nobody reads that stream, nothing is left to be told.
 pub(crate) fn error(text: &str) {
-    eprint!("{text}");
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
 /// Warnings that the user has seen during the run, on the terminal that also shows its report.
@@ -91,7 +93,7 @@ pub(crate) fn warning(text: &str) {
     if loudness().quiet {
         return;
     }
-    eprint!("{}", wrapped("warning", text, width()));
+    error(&wrapped("warning", text, width()));
     if std::io::stdout().is_terminal() && std::io::stderr().is_terminal() {
         SHOWN
             .lock()
@@ -107,13 +109,13 @@ fn was_shown(text: &str) -> bool {
 }
 
 /// Prints a line.
-pub(crate) fn line(text: &str) {
-    println!("{text}");
+pub(crate) fn line(line: &str) {
+    text(&format!("{line}\n"));
 }
 
 /// Prints a text behind its label, wrapped to the width of the terminal.
-pub(crate) fn entry(label: &str, text: &str) {
-    print!("{}", wrapped(label, text, width()));
+pub(crate) fn entry(label: &str, entry: &str) {
+    text(&wrapped(label, entry, width()));
 }
 
 /// Returns the width of the terminal \[columns\]; 80 if the output goes elsewhere.
@@ -165,9 +167,17 @@ fn shell_word(path: &Path) -> String {
     }
 }
 
-/// Prints text without adding a line end.
+/// Prints text without adding a line end. A reader that closes the pipe early, such as `head`, is no error; a
+/// full disk ends the program with a message.
 pub(crate) fn text(text: &str) {
-    print!("{text}");
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            error(&format!("error: standard output cannot be written: {e}\n"));
+            std::process::exit(1);
+        }
+        _ => {}
+    }
 }
 
 /// Returns a result as JSON.

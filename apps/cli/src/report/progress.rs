@@ -86,7 +86,7 @@ fn log((doing, wake): &(Mutex<Doing>, Condvar)) {
             return;
         }
         if let Some(words) = now.words(Instant::now()) {
-            eprintln!("{:>7.0} s  {words}", start.elapsed().as_secs_f64());
+            super::error(&format!("{:>7.0} s  {words}\n", start.elapsed().as_secs_f64()));
         }
         pause = (2 * pause).min(MOST);
     }
@@ -101,7 +101,7 @@ impl Progress {
     /// Reports the start of a set-up phase (`total` is 0), or that `done` of `total` units of it are done.
     pub(crate) fn phase(&self, phase: &str, done: usize, total: usize) {
         if loudness().verbose && total == 0 {
-            eprintln!("set-up     {phase} ...");
+            super::error(&format!("set-up     {phase} ...\n"));
         }
         self.show(&format!("set-up: {phase}"), done, total);
     }

@@ -159,7 +159,7 @@ fn links(lines: &[LinkLine]) {
 /// Prints what a scene would start, and states that nothing was started.
 pub(crate) fn not_started(lines: &[LinkLine]) {
     links(lines);
-    println!(
+    print_line!(
         "The tables of the scene are in order. Nothing was started: check with --start meets the other side."
     );
 }
@@ -396,12 +396,12 @@ pub(crate) fn proposal(r: &Proposal, written: Option<&Path>) {
         );
     }
     for s in &r.set {
-        println!("set        {s}");
+        print_line!("set        {s}");
     }
     for n in &r.notes {
         entry("note", n);
     }
     if let Some(path) = written {
-        println!("written    {}", path.display());
+        print_line!("written    {}", path.display());
     }
 }

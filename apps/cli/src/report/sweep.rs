@@ -8,13 +8,13 @@ use std::path::Path;
 
 /// Prints a finished or interrupted sweep.
 pub(crate) fn finished(s: &Sweep, out: &Path) {
-    println!("sweep      {}", s.title);
+    print_line!("sweep      {}", s.title);
     for r in &s.runs {
         let time = |x: Option<f64>| x.map_or_else(|| "-".into(), seconds);
         let error = |x: Option<f64>| x.map_or_else(|| "-".into(), percent);
         let mark = if r.pareto { "*" } else { " " };
         match r.status {
-            "complete" => println!(
+            "complete" => print_line!(
                 "{mark} {:<44} {:>8} unknowns, total {:>8}, steps {:>8}, error u {:>8}, v {:>8}",
                 r.label,
                 r.unknowns.unwrap_or_default(),
@@ -23,7 +23,7 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
                 error(r.errors.displacement),
                 error(r.errors.velocity),
             ),
-            status => println!(
+            status => print_line!(
                 "{mark} {:<44} {status} {}",
                 r.label,
                 r.error.as_deref().unwrap_or("")
@@ -36,14 +36,14 @@ pub(crate) fn finished(s: &Sweep, out: &Path) {
         .iter()
         .filter(|r| r.status == "complete" && !r.reused)
         .count();
-    println!("runs       {fresh} made, {reused} taken from before, * on the Pareto front");
+    print_line!("runs       {fresh} made, {reused} taken from before, * on the Pareto front");
     for line in &s.conclusion {
-        println!("           {line}");
+        print_line!("           {line}");
     }
     if s.status == "interrupted" {
-        println!("interrupted: the same command goes on with what is missing");
+        print_line!("interrupted: the same command goes on with what is missing");
     }
-    println!("results    {}", out.join("report.html").display());
+    print_line!("results    {}", out.join("report.html").display());
 }
 
 /// Writes `sweep.json`, `sweep.csv`, the pictures and the report. Returns the text of `sweep.json`.

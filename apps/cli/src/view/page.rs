@@ -102,11 +102,32 @@ pub(super) fn html(content: &Content) -> Result<String> {
     let packed = miniz_oxide::deflate::compress_to_vec_zlib(&store.0, 5);
     let packed = base64::engine::general_purpose::STANDARD.encode(packed);
     let name = title.replace('&', "&amp;").replace('<', "&lt;");
-    let mut page = HEAD.to_owned() + &SKELETON.replace("<!-- title -->", &name);
-    for (mark, piece) in PIECES {
-        page = page.replace(mark, piece.trim_end());
+    let mut pieces = PIECES.map(|(mark, piece)| (mark, piece.trim_end())).to_vec();
+    pieces.extend([
+        ("<!-- title -->", &*name),
+        ("/* about */", &about),
+        ("/* data */", &packed),
+    ]);
+    Ok(HEAD.to_owned() + &filled(SKELETON, &pieces))
+}
+
+/// Returns the skeleton with every mark replaced by its piece. Pieces are not searched for marks, since the
+/// texts of a user may contain them.
+fn filled(skeleton: &str, pieces: &[(&str, &str)]) -> String {
+    let mut page = String::new();
+    let mut rest = skeleton;
+    let first = |rest: &str| {
+        let found = pieces
+            .iter()
+            .filter_map(|(mark, piece)| Some((rest.find(mark)?, mark.len(), *piece)));
+        found.min_by_key(|(place, ..)| *place)
+    };
+    while let Some((place, length, piece)) = first(rest) {
+        page += &rest[..place];
+        page += piece;
+        rest = &rest[place + length..];
     }
-    Ok(page.replace("/* about */", &about).replace("/* data */", &packed))
+    page + rest
 }
 
 /// Finds a model by its name in the summary of a run.
@@ -217,4 +238,16 @@ fn facts(s: &Value) -> Vec<String> {
         Some(other) => out.push(format!("status: {other}")),
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Marks of the page in the texts of a user stay as they are.
+    #[test]
+    fn pieces_are_not_searched_for_marks() {
+        let pieces = [("<a>", "1 <b> <a>"), ("<b>", "2 <a>")];
+        assert_eq!(filled("x <b> y <a> <b>", &pieces), "x 2 <a> y 1 <b> <a> 2 <a>");
+    }
 }

@@ -13,8 +13,8 @@ fn sizes_beyond_any_memory_are_refused_by_name() {
         ),
         (
             "bar-1d.toml",
-            "model.chain.spacing=1e-300",
-            "elements of that length fill",
+            "model.chain.spacing=1e-320",
+            "more than 2e308 elements of that length fill",
         ),
         (
             "bar-1d.toml",

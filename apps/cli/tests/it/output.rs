@@ -1,6 +1,6 @@
 //! Output files: VTU frames, atomic folders, determinism, interruption.
 
-use crate::common::{SMALL, arlequin, number, scratch, succeed, summary, text};
+use crate::common::{SMALL, arlequin, command, number, scratch, succeed, summary, text};
 use std::path::{Path, PathBuf};
 
 fn small(folder: &Path) -> PathBuf {
@@ -51,6 +51,22 @@ fn arrays(bytes: &[u8]) -> (usize, usize, Vec<Array>) {
         ));
     }
     (count("NumberOfPoints"), count("NumberOfCells"), out)
+}
+
+/// A reader that leaves early, such as `head -1`, is no failure of the program.
+#[cfg(unix)]
+#[test]
+fn a_pipe_may_be_closed_early() {
+    let folder = scratch("pipe");
+    let mut child = command(&["check", "--verbose", text(&small(&folder))])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the binary runs");
+    drop(child.stdout.take());
+    let out = child.wait_with_output().expect("the binary ends");
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success() && !error.contains("panicked"), "{error}");
 }
 
 #[test]
@@ -181,7 +197,7 @@ fn ctrl_c_writes_what_there_is() {
         let folder = scratch(&format!("interrupt-{signal}"));
         let scene = small(&folder);
         let out = folder.join("out");
-        let child = crate::common::command(&[
+        let child = command(&[
             "run",
             text(&scene),
             "--out",

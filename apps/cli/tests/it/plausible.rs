@@ -95,7 +95,7 @@ fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
 /// Settings that make the scene odd, and a part of each resulting warning.
 type Case = (&'static [&'static str], &'static [&'static str]);
 
-const ODD: [Case; 20] = [
+const ODD: [Case; 23] = [
     (
         &[
             "model.left.material.young=72.5",
@@ -153,6 +153,18 @@ const ODD: [Case; 20] = [
     (
         &["support.0.motion={amplitude=1e-3, time={ramp={duration=1e-8}}}"],
         &["support[0]: a motion at 1.000e5 m/s is faster"],
+    ),
+    (
+        &["support.0.motion={amplitude=1e-3, time={table=[[0.0, 0.0], [1e-8, 1.0]]}}"],
+        &["support[0]: a motion at 1.000e5 m/s is faster"],
+    ),
+    (
+        &["support.0.motion={speed=1.0, time={expression=\"1e5*cos(t)\"}}"],
+        &["support[0]: a motion at 1.000e5 m/s is faster"],
+    ),
+    (
+        &["load.0={model='right', where='x-max', force=[1e20, 0.0, 0.0], time={expression=\"1e10*cos(t)\"}}"],
+        &["load[0]: a force of 1.000e30 N: gives model 'right' a stress of about 1.0e34 Pa"],
     ),
     (
         &[

@@ -391,8 +391,13 @@ pub(super) fn divisions_of(
             let total: f64 = extents.iter().map(|l| (l / h).round().max(1.0)).product();
             if total > MOST {
                 let lengths: Vec<String> = extents.iter().map(|l| format!("{l:.3e}")).collect();
+                let count = if total.is_finite() {
+                    format!("{total:.1e}")
+                } else {
+                    format!("more than {:.0e}", f64::MAX)
+                };
                 let rule = format!(
-                    "{total:.1e} elements of that length fill {} m, {MOST:.1e} at most are made; choose a longer one [m]",
+                    "{count} elements of that length fill {} m, {MOST:.1e} at most are made; choose a longer one [m]",
                     lengths.join(" by ")
                 );
                 return Err(value(format!("{key}.spacing"), h, &rule));

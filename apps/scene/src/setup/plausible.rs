@@ -5,6 +5,7 @@ use super::built::{Built, ModelInfo};
 use super::kinds::kind;
 use super::names::effect_models;
 use super::shapes::corners;
+use super::time::time_function;
 use crate::spec::{
     CriterionKind, Effect, EffectKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape, TimeShape,
 };
@@ -29,6 +30,8 @@ const STRAIN: f64 = 0.1;
 const STIFFNESS: f64 = 1000.0;
 /// Number of coarse elements across an overlap below which long waves are reflected at its borders.
 const ACROSS: f64 = 3.0;
+/// Samples of a function of time within a run.
+const SAMPLES: u32 = 1000;
 /// Extent of a body \[m\] above which, and share of it crossed by a wave in the whole run below which,
 /// lengths are probably in millimetres.
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
@@ -171,10 +174,7 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
             continue;
         };
         let area = built.bounds.0[m].section;
-        let factor = match &l.time {
-            TimeShape::Table(rows) => rows.iter().fold(0.0, |m: f64, r| m.max(r.1.abs())),
-            _ => 1.0,
-        };
+        let [factor, _] = peaks(&l.time, built);
         let (what, stress) = match (l.force, l.torque, l.traction, l.pressure) {
             (Some(f), ..) => (format!("force of {:.3e} N", factor * size(f)), size(f) / area),
             (_, Some(t), ..) => (
@@ -206,6 +206,37 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     prescribed(scene, built, &names, out);
 }
 
+/// Returns the largest size of a function of time, and of its slope \[1/s\], that of a jump left out. Formulas
+/// and tables are judged up to the end of the run, formulas as linear between samples.
+fn peaks(shape: &TimeShape, built: &Built) -> [f64; 2] {
+    let end = match &built.load_steps {
+        Some(l) => l.times.last().copied().unwrap_or_default(),
+        None => built.run.time() + built.steps as f64 * built.run.dt(),
+    };
+    let mut times: Vec<f64> = (0..=SAMPLES)
+        .map(|k| end * f64::from(k) / f64::from(SAMPLES))
+        .collect();
+    match shape {
+        TimeShape::Step => return [1.0, 0.0],
+        TimeShape::Ramp { duration } => return [1.0, 1.0 / duration],
+        TimeShape::Pulse { duration } => return [1.0, std::f64::consts::PI / duration],
+        TimeShape::Table(rows) => times.extend(rows.iter().map(|r| r.0).filter(|t| (0.0..=end).contains(t))),
+        TimeShape::File(_) | TimeShape::Expression(_) => {}
+    }
+    let Ok(function) = time_function("time", shape) else {
+        return [0.0; 2];
+    };
+    times.sort_unstable_by(f64::total_cmp);
+    times.dedup();
+    let values: Vec<f64> = times.iter().map(|t| function.value(*t)).collect();
+    let slopes = times.windows(2).zip(values.windows(2));
+    let slopes = slopes.map(|(t, v)| ((v[1] - v[0]) / (t[1] - t[0])).abs());
+    [
+        values.iter().fold(0.0, |m: f64, v| v.abs().max(m)),
+        slopes.fold(0.0, f64::max),
+    ]
+}
+
 /// Warns about prescribed motions larger than the body or faster than its waves.
 fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec<String>) {
     let supports = scene.support.iter().enumerate();
@@ -214,7 +245,8 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
             continue;
         };
         let bound = &built.bounds.0[m];
-        let amplitude = motion.amplitude.unwrap_or_default().abs();
+        let [factor, rate] = peaks(&motion.time, built);
+        let amplitude = factor * motion.amplitude.unwrap_or_default().abs();
         if bound.small && amplitude > bound.extent {
             out.push(format!(
                 "support[{k}]: a motion of {amplitude:.3e} m is beyond model '{}', which is {:.3e} m large; check the unit",
@@ -224,12 +256,9 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
         if scene.statics.is_some() {
             continue;
         }
-        let speed = match (motion.speed, &motion.time) {
-            (Some(speed), TimeShape::Step | TimeShape::Ramp { .. } | TimeShape::Pulse { .. }) => speed.abs(),
-            (None, TimeShape::Ramp { duration }) => amplitude / duration,
-            // The largest slope of `sin²(π t/duration)`.
-            (None, TimeShape::Pulse { duration }) => amplitude * std::f64::consts::PI / duration,
-            _ => continue,
+        let speed = match (motion.speed, motion.amplitude) {
+            (Some(speed), _) => factor * speed.abs(),
+            (None, amplitude) => rate * amplitude.unwrap_or_default().abs(),
         };
         if speed > bound.wave {
             out.push(format!(
@@ -299,9 +328,21 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
     match overlap {
         OverlapShape::Slab { fine, coarse } => Some((Vector3::from(*coarse) - Vector3::from(*fine)).norm()),
         OverlapShape::Shell { core, domain } => match (core, domain) {
-            (RegionShape::Ball { radius: a, .. }, RegionShape::Ball { radius: b, .. })
-            | (RegionShape::Cylinder { radius: a, .. }, RegionShape::Cylinder { radius: b, .. }) => {
-                Some((b - a).abs())
+            (RegionShape::Ball { centre: a, radius: r }, RegionShape::Ball { centre: b, radius: s }) => {
+                Some(s - r - (Vector3::from(*b) - Vector3::from(*a)).norm())
+            }
+            (
+                RegionShape::Cylinder {
+                    point: a,
+                    radius: r,
+                    axis,
+                },
+                RegionShape::Cylinder {
+                    point: b, radius: s, ..
+                },
+            ) => {
+                let apart = Vector3::from(*b) - Vector3::from(*a);
+                Some(s - r - Vector3::from(*axis).normalize().cross(&apart).norm())
             }
             // Sides on which the inner box reaches the outer one do not count.
             (RegionShape::Box { low: a, high: b }, RegionShape::Box { low: c, high: d }) => (0..3)
@@ -434,4 +475,32 @@ fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
              choose a shorter time.step.seconds"
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::RegionShape::{Ball, Box, Cylinder};
+
+    /// The width of a shell is that of its thinnest place, where its surfaces have different centres or axes.
+    #[test]
+    fn the_thinnest_place_of_a_shell_is_its_width() {
+        let shell = |core, domain| width(&OverlapShape::Shell { core, domain }).expect("a width");
+        let ball = |x, radius| Ball {
+            centre: [x, 0.0, 0.0],
+            radius,
+        };
+        assert!((shell(ball(1.0, 2.0), ball(1.5, 4.0)) - 1.5).abs() < 1e-12);
+        let bar = |x, z, radius| Cylinder {
+            point: [x, 0.0, z],
+            axis: [0.0, 0.0, 3.0],
+            radius,
+        };
+        assert!((shell(bar(1.0, 0.0, 2.0), bar(0.5, 7.0, 4.0)) - 1.5).abs() < 1e-12);
+        let cuboid = |low, high| Box {
+            low: [low, 0.0, 0.0],
+            high: [high, 1.0, 1.0],
+        };
+        assert!((shell(cuboid(2.0, 5.0), cuboid(1.0, 5.5)) - 0.5).abs() < 1e-12);
+    }
 }

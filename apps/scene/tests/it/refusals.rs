@@ -336,6 +336,11 @@ fn paths_are_read_as_messages_and_toml_write_them() {
         "time.end",
         &["PATH=VALUE"],
     );
+    assert_says(
+        &refused(solids().assign(&["time.ende=".into()])),
+        "time.ende",
+        &["is not in the scene"],
+    );
 }
 
 /// Errors of the core, and of changes in memory, name their key of the scene.

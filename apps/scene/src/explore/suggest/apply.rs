@@ -28,9 +28,9 @@ impl Change {
         }
     }
 
-    /// Returns the change as an argument of `--set`, which cannot remove a key.
-    pub(super) fn assignment(&self) -> Option<String> {
-        Some(format!("{}={}", self.path, self.text.as_ref()?))
+    /// Returns the change as an argument of `--set`; without a value, it removes the key.
+    pub(super) fn assignment(&self) -> String {
+        format!("{}={}", self.path, self.text.as_deref().unwrap_or_default())
     }
 }
 

@@ -20,11 +20,8 @@ const STRETCH: usize = 10;
 /// the lengths of the scene with these changes, and the warnings of its set-up.
 pub(super) fn measure(scene: &Scene, changes: &[Change]) -> Result<(Measured, f64, Scenario, Vec<String>)> {
     let begin = Instant::now();
-    let change = |scene: Scene, c: &Change| match c.assignment() {
-        Some(assignment) => scene.assign(&[assignment]),
-        None => scene.without(&c.path),
-    };
-    let scene = changes.iter().try_fold(scene.clone(), change)?;
+    let assignments: Vec<String> = changes.iter().map(Change::assignment).collect();
+    let scene = scene.clone().assign(&assignments)?;
     let s = scenario::scenario(scene.spec())?;
     let built = setup::build(scene.spec(), scene.folder());
     let built = built.map_err(|e| lower::written(scene.spec(), e))?;

@@ -169,7 +169,7 @@ pub fn suggest(scene: &Scene, goal: Goal, frequency: Option<f64>) -> Result<Prop
         signal: spectrum.source.clone(),
         given: given(),
         proposed,
-        set: changes.iter().filter_map(Change::assignment).collect(),
+        set: changes.iter().map(Change::assignment).collect(),
         notes,
         changes,
     })

@@ -92,6 +92,10 @@ fn line(key: &str, table: &ModelTable) -> Result<(f64, f64, f64, usize)> {
             "a chain is discrete and can only be fine; give the coarse role to a fem model",
         ));
     }
+    if (table.scale - 1.0).abs() > 0.0 {
+        let rule = "is for a shape from a file; remove it";
+        return Err(value(format!("{key}.scale"), table.scale, rule));
+    }
     mesh::check_bar(key, from, to, section)?;
     let bonds = mesh::divisions_of(key, &[to - from], table.spacing, table.divisions.as_deref())?[0];
     Ok((from, to, section, bonds))

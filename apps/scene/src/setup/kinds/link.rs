@@ -104,6 +104,7 @@ fn check(path: &str, table: &ModelTable) -> Result<()> {
         ("material", !table.material.young.is_nan()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),
+        ("scale", (table.scale - 1.0).abs() > 0.0),
         ("volume", table.volume.is_some()),
         ("materials", !table.materials.is_empty()),
     ];
