@@ -206,8 +206,8 @@ fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
     prescribed(scene, built, &names, out);
 }
 
-/// Returns the largest size of a function of time, and of its slope \[1/s\], that of a jump left out. Formulas
-/// and tables are judged up to the end of the run, formulas as linear between samples.
+/// Returns the largest size of a function of time, and of its slope \[1/s\], that of a jump left out.
+/// Formulas and tables are judged up to the end of the run, formulas as linear between samples.
 fn peaks(shape: &TimeShape, built: &Built) -> [f64; 2] {
     let end = match &built.load_steps {
         Some(l) => l.times.last().copied().unwrap_or_default(),
