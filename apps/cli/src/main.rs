@@ -146,11 +146,12 @@ struct Common {
 
 fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|e| {
-        // Only rank 0 prints the message; all ranks exit with the same code.
-        if ranks::leads() {
-            e.exit()
+        if e.use_stderr() {
+            ranks::let_first_speak();
+        } else if !ranks::leads() {
+            std::process::exit(0);
         }
-        std::process::exit(e.exit_code())
+        e.exit()
     });
     report::set_loudness(cli.loudness.of_rank(ranks::leads()));
     run_command(cli.command).unwrap_or_else(|e| e.report())
@@ -179,13 +180,7 @@ fn run_command(command: Command) -> Result<ExitCode, Located> {
             Ok(run::resume(&folder, communicator, json)?)
         }),
         other => {
-            if let Err(e) = ranks::refuse_several(other.name()) {
-                return if ranks::leads() {
-                    Err(e.into())
-                } else {
-                    Ok(Located::from(e).code())
-                };
-            }
+            ranks::refuse_several(other.name()).inspect_err(|_| ranks::let_first_speak())?;
             run_alone(other)
         }
     }

@@ -52,6 +52,19 @@ pub(crate) fn leads() -> bool {
     Launched::from_environment().is_none_or(|l| l.rank == 0)
 }
 
+/// Time that rank 0 has to print an error of the start before the other ranks print it too \[s\].
+const LEAD: u64 = 5;
+
+/// Leaves rank 0 the time to print an error that all ranks have found before they communicate.
+///
+/// A launcher ends the whole job when the first process fails. If another rank failed first, it would end rank 0
+/// before the message is printed. A rank that is still there after the wait is the only one with this error.
+pub(crate) fn let_first_speak() {
+    if !leads() {
+        std::thread::sleep(std::time::Duration::from_secs(LEAD));
+    }
+}
+
 /// Refuses a command that would do the same work on every rank.
 pub(crate) fn refuse_several(command: &str) -> Result<()> {
     match Launched::from_environment() {
@@ -71,7 +84,7 @@ pub(crate) fn run(
     work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
     use arlequin_mpi::processes::{self, Ending};
-    let wait = waiting.seconds()?;
+    let wait = waiting.seconds().inspect_err(|_| let_first_speak())?;
     if Launched::from_environment().is_none_or(|l| l.ranks == 1) {
         return work(None);
     }
@@ -88,7 +101,9 @@ pub(crate) fn run(
         Err(e) => Err(e.plain()),
     });
     done.or_else(|e| {
+        let_first_speak();
         let refused = Located::from(arlequin_scene::error::core("ranks")(e.into()));
+        // MPI itself fails for every rank alike, and some launchers do not end the others.
         if leads() { Err(refused) } else { Ok(refused.code()) }
     })
 }
@@ -99,15 +114,12 @@ pub(crate) fn run(
     waiting: Waiting,
     work: impl FnOnce(OtherRanks) -> Result<ExitCode, Located>,
 ) -> Result<ExitCode, Located> {
-    waiting.seconds()?;
-    if let Some(Launched { rank, ranks }) = Launched::from_environment().filter(|l| l.ranks > 1) {
+    waiting.seconds().inspect_err(|_| let_first_speak())?;
+    if let Some(Launched { ranks, .. }) = Launched::from_environment().filter(|l| l.ranks > 1) {
         let rule = "this program was built without MPI, and each rank would make the same run; build it with --features mpi, or \
                     call it without mpirun";
-        let refused = Located::from(value("ranks", ranks, rule));
-        if rank > 0 {
-            return Ok(refused.code());
-        }
-        return Err(refused);
+        let_first_speak();
+        return Err(value("ranks", ranks, rule).into());
     }
     work(None)
 }
