@@ -57,8 +57,9 @@ const LEAD: u64 = 5;
 
 /// Leaves rank 0 the time to print an error that all ranks have found before they communicate.
 ///
-/// A launcher ends the whole job when the first process fails. If another rank failed first, it would end rank 0
-/// before the message is printed. A rank that is still there after the wait is the only one with this error.
+/// A launcher ends the whole job when the first process fails. If another rank failed first, it would end
+/// rank 0 before the message is printed. A rank that is still there after the wait is the only one with
+/// this error.
 pub(crate) fn let_first_speak() {
     if !leads() {
         std::thread::sleep(std::time::Duration::from_secs(LEAD));
