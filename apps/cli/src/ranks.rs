@@ -102,10 +102,8 @@ pub(crate) fn run(
         Err(e) => Err(e.plain()),
     });
     done.or_else(|e| {
-        let_first_speak();
-        let refused = Located::from(arlequin_scene::error::core("ranks")(e.into()));
         // MPI itself fails for every rank alike, and some launchers do not end the others.
-        if leads() { Err(refused) } else { Ok(refused.code()) }
+        first_speaks(arlequin_scene::error::core("ranks")(e.into()).into())
     })
 }
 
@@ -119,8 +117,13 @@ pub(crate) fn run(
     if let Some(Launched { ranks, .. }) = Launched::from_environment().filter(|l| l.ranks > 1) {
         let rule = "this program was built without MPI, and each rank would make the same run; build it with --features mpi, or \
                     call it without mpirun";
-        let_first_speak();
-        return Err(value("ranks", ranks, rule).into());
+        return first_speaks(value("ranks", ranks, rule).into());
     }
     work(None)
+}
+
+/// Returns an error that every rank meets as rank 0's; the other ranks end with its code without a word.
+fn first_speaks(error: Located) -> Result<ExitCode, Located> {
+    let_first_speak();
+    if leads() { Err(error) } else { Ok(error.code()) }
 }
