@@ -101,6 +101,9 @@ impl BeamMaterial {
     /// Range of Poisson's ratios that [`Self::from_bulk`] accepts.
     pub const BULK_POISSON: [f64; 2] = [BULK[BULK.len() - 1][1], BULK[0][1]];
 
+    /// Range of radius ratios that were measured.
+    pub const BULK_RATIOS: [f64; 2] = [BULK[0][0], BULK[BULK.len() - 1][0]];
+
     /// Returns Young's modulus \[Pa\] and Poisson's ratio of packings with these beams: the inverse of
     /// [`Self::from_bulk`]. Radius ratios outside of the measured range are extrapolated.
     #[must_use]

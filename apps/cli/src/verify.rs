@@ -4,7 +4,7 @@ use crate::error::{Result, unknown, write};
 use crate::report::{self, Progress};
 use crate::threads;
 use arlequin_scene::output::mark;
-use arlequin_studies::checks::{self, CASES, Check, Options};
+use arlequin_studies::checks::{self, CASES, Case, Check, FRACTURE, Options};
 use arlequin_studies::hard::{HardCase, Outcome, cases};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,6 +17,9 @@ pub(crate) struct Args {
     /// Run the hard cases instead: results of naive code, and whether our promises hold.
     #[arg(long, conflicts_with_all = ["out", "docs", "resume"])]
     hard: bool,
+    /// Run the benchmarks of fracture instead, which take minutes.
+    #[arg(long, conflicts_with_all = ["hard", "docs", "resume"])]
+    fracture: bool,
     /// Print the rows as JSON.
     #[arg(long)]
     json: bool,
@@ -51,13 +54,14 @@ pub(crate) fn verify(args: &Args) -> Result<ExitCode> {
     if args.hard {
         return hard(args, threads, &progress);
     }
+    let cases: &'static [Case] = if args.fracture { &FRACTURE } else { &CASES };
     if args.list {
-        for case in &CASES {
+        for case in cases {
             report::line(&format!("{:<14} {}", case.name, case.about));
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let chosen = checks::choose(&args.cases)?;
+    let chosen = checks::choose(cases, &args.cases)?;
     if let Some(folder) = &args.out {
         mark::claim("--out", folder)?;
     }

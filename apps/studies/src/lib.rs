@@ -6,6 +6,7 @@ pub mod bauman;
 pub mod cantilever;
 pub mod checks;
 pub mod claims;
+pub mod crack;
 pub mod hard;
 pub mod line;
 pub mod solid;

@@ -34,7 +34,7 @@ mod weights;
 pub use piece::Piece;
 pub use report::DemReport;
 pub use select::LoadShare;
-pub(crate) use select::TOUCH;
+pub use select::TOUCH;
 
 use crate::bond::BeamMaterial;
 use crate::critical;

@@ -16,7 +16,7 @@ pub enum LoadShare {
 }
 
 /// Largest gap that counts as touching, as a fraction of the mean radius. Bonds bridge such gaps as well.
-pub(crate) const TOUCH: f64 = 0.05;
+pub const TOUCH: f64 = 0.05;
 
 impl DemModel {
     /// Returns the particles whose centres fulfil a condition, ascending.

@@ -97,12 +97,12 @@ fn places_in_no_model_are_refused_before_spheres_are_packed() {
 }
 
 #[test]
-fn tractions_on_spheres_are_refused_before_they_are_packed() {
+fn tractions_beside_the_surface_of_spheres_are_refused_before_they_are_packed() {
     for what in ["traction = [1e6, 0.0, 0.0]", "pressure = 1e6"] {
-        let load =
-            format!("{BESIDE}[[load]]\nmodel = \"grains\"\nwhere = \"x-max\"\n{what}\ntime = \"step\"\n");
-        let words = "model 'grains' has no surface; give a force [N]";
-        assert_refused("traction", &load, "load[0]", words);
+        let place = "where.box = { low = [1.5e-3, 0.9e-3, 0.9e-3], high = [2.5e-3, 1.1e-3, 1.1e-3] }";
+        let load = format!("{BESIDE}[[load]]\nmodel = \"grains\"\n{place}\n{what}\ntime = \"step\"\n");
+        let words = "holds no surface of model 'grains'";
+        assert_refused("traction", &load, "load[0].where", words);
     }
 }
 

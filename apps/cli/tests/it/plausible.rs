@@ -69,11 +69,20 @@ fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
         let texts = warnings(&folder, &grains(material, dem), &[]);
         texts.into_iter().find(|w| w.contains("its beams make a packing"))
     };
-    let warning = unlike("young = 75e9, poisson = 0.3", "").expect("a warning");
+    let warning = unlike("young = 75e9, poisson = 0.4", "").expect("a warning");
     assert!(
-        warning.contains("nu = 0.174, and material.poisson = 0.3 is that of estimates only"),
+        warning.contains("nu = 0.357, and material.poisson = 0.4 is that of estimates only")
+            && warning.contains("packings of spheres reach nu = 0.03 to 0.36"),
         "{warning}"
     );
+    let warning = unlike("young = 75e9, poisson = 0.3", ", young = 267e9").expect("a warning");
+    assert!(
+        warning.contains("nu = 0.174, and material.poisson = 0.3 is that of estimates only")
+            && warning.contains("leave dem.young and dem.poisson out"),
+        "{warning}"
+    );
+    // The material chooses the beams, as in zones.
+    assert_eq!(unlike("young = 75e9, poisson = 0.3", ""), None);
     let warning = unlike("young = 75e9, poisson = 0.17", ", young = 75e9").expect("a warning");
     assert!(
         warning.contains("E = 2.062e10 Pa") && warning.contains("material.young = 7.5e10 Pa"),
@@ -81,6 +90,14 @@ fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
     );
     assert_eq!(unlike("young = 75e9, poisson = 0.17", ""), None);
     assert_eq!(unlike("young = 75e9", ""), None);
+    let wide = grains("young = 75e9", ", young = 75e9, radius_ratio = 1.4");
+    let texts = warnings(&folder, &wide, &[]);
+    assert!(
+        texts
+            .iter()
+            .any(|w| w.contains("dem.radius_ratio = 1.4 lies outside of 0.2 to 1.2")),
+        "{texts:?}"
+    );
     let line = "[model.bar]\nkind = \"fem\"\nshape.bar = { from = 0.0, to = 1.0, section = 1e-4 }\ndivisions = [10]\n\
                 material = { young = 75e9, poisson = 0.3, density = 2200.0 }\n[time]\nsteps = 1\n";
     let texts = warnings(&folder, line, &[]);

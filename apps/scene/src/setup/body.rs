@@ -3,6 +3,7 @@
 use super::mesh::Grid;
 use crate::error::Result;
 use crate::setup::packing::PackingLine;
+use crate::setup::skin::Skin;
 use crate::spec::Shape;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::{Interpolation, Materials, Model, Participant};
@@ -60,6 +61,8 @@ pub struct Grains {
     pub body: ContactBody,
     /// Properties of the packing.
     pub packing: PackingLine,
+    /// Surface that carries tractions and pressures.
+    pub(super) skin: Skin,
 }
 
 impl std::fmt::Debug for Grains {

@@ -38,6 +38,11 @@ impl Faces {
         &self.triangles
     }
 
+    /// Lowest and highest corner \[m\].
+    pub(super) fn bounds(&self) -> [Point3<f64>; 2] {
+        self.bounds
+    }
+
     /// Number of the nearest triangle and its distance \[m\]; the lowest number among equal ones. There must
     /// be at least one triangle.
     pub(super) fn nearest(&self, x: &Point3<f64>) -> (usize, f64) {
@@ -62,6 +67,11 @@ impl Faces {
             // twice as far if none was found.
             reach = if best.1.is_finite() { best.1 } else { 2.0 * reach };
         }
+    }
+
+    /// Returns whether a test holds for any triangle that may meet a box.
+    pub(super) fn any_near(&self, ends: &[Point3<f64>; 2], test: &dyn Fn(&[Point3<f64>; 3]) -> bool) -> bool {
+        self.tree.any(ends, &mut |k| test(&self.triangles[k]))
     }
 
     /// Closest point of all triangles; `None` without triangles.

@@ -1,14 +1,14 @@
-//! Features that only particles have: bonds that break, contact, obstacles, notches.
+//! Features that only particles have: bonds that break, contact, obstacles.
 
 use super::body::Grains;
 use super::fracture::{fracture, toughness};
 use super::packing::PackingLine;
+use super::skin::Skin;
 use super::time::time_function;
 use crate::error::{Result, dem, key, value};
-use crate::spec::{self, Effect, EffectKind, LooseKind, ModelTable, NotchBox, ObstacleShape};
+use crate::spec::{self, Effect, EffectKind, LooseKind, ModelTable, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::dem_beam::packing::Packing;
 use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Motion, Obstacle, RigidShape};
 use std::collections::BTreeMap;
 
@@ -18,6 +18,7 @@ pub(super) fn build(
     table: &ModelTable,
     effects: &[(usize, &Effect)],
     mut packing: PackingLine,
+    skin: Skin,
 ) -> Result<(DemModel, Grains)> {
     let mut breaks = None;
     let mut brittle = false;
@@ -57,6 +58,7 @@ pub(super) fn build(
             brittle,
             body,
             packing,
+            skin,
         },
     ))
 }
@@ -188,81 +190,4 @@ pub(super) fn check_single(model: &str, effects: &[(usize, &Effect)]) -> Result<
         }
     }
     Ok(())
-}
-
-const ALL_BONDS: &str = "takes every bond of the body; make it a thin box that crosses a part of the body";
-
-/// Refuses boxes whose high corner is below their low corner.
-pub(super) fn check_boxes(path: &str, boxes: &[NotchBox]) -> Result<()> {
-    for (k, b) in boxes.iter().enumerate() {
-        if let Some(c) = (0..3).find(|&c| b.high[c] < b.low[c]) {
-            let rule = format!("must not be below low[{c}] = {} m", b.low[c]);
-            return Err(value(
-                format!("{path}.dem.notch[{k}].high[{c}]"),
-                b.high[c],
-                &rule,
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// Refuses notches that cannot leave a cut body: beside a shape between the corners `ends`, or over all of
-/// it.
-pub(super) fn check_notches(path: &str, boxes: &[NotchBox], ends: [Vector3<f64>; 2]) -> Result<()> {
-    check_boxes(path, boxes)?;
-    let [from, to] = ends;
-    for (k, b) in boxes.iter().enumerate() {
-        let beside = (0..3).any(|c| b.low[c] > to[c] || b.high[c] < from[c]);
-        let over = (0..3).all(|c| b.low[c] <= from[c] && b.high[c] >= to[c]);
-        let rule = match (beside, over) {
-            (true, _) => "crosses no bond: it lies beside the shape; move it or check the units (m)",
-            (_, true) => ALL_BONDS,
-            _ => continue,
-        };
-        let place = format!(
-            "{rule}; the shape reaches from {:?} to {:?} m",
-            from.as_slice(),
-            to.as_slice()
-        );
-        return Err(key(format!("{path}.dem.notch[{k}]"), place));
-    }
-    Ok(())
-}
-
-/// Removes the bonds that pass through a box, and the spheres that lose their connection.
-///
-/// # Errors
-/// A box that crosses no bond.
-pub fn cut(path: &str, boxes: &[NotchBox], packing: &mut Packing) -> Result<()> {
-    check_boxes(path, boxes)?;
-    for (k, b) in boxes.iter().enumerate() {
-        if packing.cut(|from, to| crosses(b, from, to)).bonds == 0 {
-            let rule = "crosses no bond; enlarge it or check the units (m)";
-            return Err(key(format!("{path}.dem.notch[{k}]"), rule));
-        }
-        if packing.pairs.is_empty() {
-            return Err(key(format!("{path}.dem.notch[{k}]"), ALL_BONDS));
-        }
-    }
-    Ok(())
-}
-
-/// Returns whether a segment intersects a box, by the slab method.
-fn crosses(b: &NotchBox, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-    let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
-    for c in 0..3 {
-        let d = to[c] - from[c];
-        // The segment is parallel to this pair of faces: it lies between them or misses the box.
-        if d.abs() < f64::MIN_POSITIVE {
-            if from[c] < b.low[c] || from[c] > b.high[c] {
-                return false;
-            }
-            continue;
-        }
-        let (s, t) = ((b.low[c] - from[c]) / d, (b.high[c] - from[c]) / d);
-        enter = enter.max(s.min(t));
-        leave = leave.min(s.max(t));
-    }
-    enter <= leave
 }

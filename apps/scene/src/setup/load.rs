@@ -3,6 +3,7 @@
 use super::body::Body;
 use super::kinds::kind;
 use super::select;
+use super::skin::{self, Skin};
 use super::time::time_function;
 use crate::error::{Error, Result, core, key};
 use crate::spec::{Load, ModelTable};
@@ -53,7 +54,10 @@ pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<e
     let time = time_function(&format!("{path}.time"), &l.time)?;
     let key_path = format!("{path}.where");
     let Some(facets) = select::facets(&key_path, body, &l.at)? else {
-        return load_on_nodes(path, name, l, body, time);
+        return match on_surface_of_spheres(l, body) {
+            Some(skin) => load_on_spheres(path, name, l, (body, skin), time),
+            None => load_on_nodes(path, name, l, body, time),
+        };
     };
     let field = traction(path, l, &facets)?;
     effect::Load::traction(name, facets, &*field, time).map_err(core(path))
@@ -122,6 +126,26 @@ fn turning(
 fn torque(path: &str, moment: Vector3<f64>, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
     let (centre, turn) = turning(path, moment, facets.iter().map(|f| (f.centre, f.area())))?;
     Ok(Box::new(move |f| turn.cross(&(f.centre - centre))))
+}
+
+/// Returns the surface of a model of particles if it carries the load; a force or torque acts by mass.
+pub(super) fn on_surface_of_spheres<'a>(l: &Load, body: &'a Body) -> Option<&'a Skin> {
+    let grains = body.grains.as_ref()?;
+    (l.traction.is_some() || l.pressure.is_some()).then_some(&grains.skin)
+}
+
+/// Distributes a traction or pressure over the spheres at the surface.
+fn load_on_spheres(
+    path: &str,
+    name: &str,
+    l: &Load,
+    (body, skin): (&Body, &Skin),
+    time: TimeFunction<f64>,
+) -> Result<effect::Load<f64>> {
+    let carriers = skin::carriers(path, l, body, skin)?;
+    let forces = carriers.0.iter();
+    let forces = forces.flat_map(|(n, c)| (0..3).map(move |axis| (3 * n + axis, c.force[axis])));
+    effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
 }
 
 /// Distributes a force over the nodes of a model without a surface, in proportion to mass; a torque becomes

@@ -4,9 +4,10 @@ use super::body::Body;
 use super::filling::Filling;
 use super::kinds::kind;
 use super::shapes::corners;
+use super::skin::Skin;
 use super::{load, names, probe, select, shared, support};
 use crate::error::{Result, key, unknown, value};
-use crate::spec::{ModelTable, SceneSpec, Selection, Shape, Support};
+use crate::spec::{Load, ModelTable, SceneSpec, Selection, Shape, Support};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
@@ -123,6 +124,24 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
                 check_point(&path, name, point, (table, filling.as_ref()), folder)?;
             }
         }
+        if let Some(filling) = &filling {
+            check_tractions(scene, (name, table), filling)?;
+        }
+    }
+    Ok(())
+}
+
+/// Refuses tractions and pressures that hold no part of the surface of particles.
+fn check_tractions(
+    scene: &SceneSpec,
+    (name, table): (&String, &ModelTable),
+    filling: &Filling,
+) -> Result<()> {
+    let on_surface = |l: &Load| l.model == *name && (l.traction.is_some() || l.pressure.is_some());
+    for (k, l) in scene.load.iter().enumerate().filter(|(_, l)| on_surface(l)) {
+        let diameter = 2.0 * radius_of(table, &filling.container);
+        let skin = Skin::new(&table.shape, filling);
+        skin.select(&format!("load[{k}].where"), name, &l.at, diameter)?;
     }
     Ok(())
 }

@@ -11,6 +11,7 @@ use super::body::Body;
 use super::faces::{Faces, corners_of};
 use super::interface::BuiltInterface;
 use super::load::{self, Traction};
+use super::spread::{Carriers, Resultant, Wrench, make_up};
 use super::{names, select, time, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::spec::{SceneSpec, Selection, Shape};
@@ -21,70 +22,23 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Largest relative error of the distributed load.
-const LEFT: f64 = 1e-9;
 /// Largest distance of a facet's centre from the surface, in node spacings: faces of hexahedra may be warped.
 const SKIN: f64 = 0.1;
 /// Share of a load below which a zone carries nothing.
 const NO_PART: f64 = 1e-9;
 
-/// A force \[N\] and a moment \[N m\] about a point.
-#[derive(Debug, Clone, Copy)]
-struct Wrench {
-    about: Point3<f64>,
-    force: Vector3<f64>,
-    moment: Vector3<f64>,
-}
-
-impl Wrench {
-    fn zero(about: Point3<f64>) -> Self {
-        let [force, moment] = [Vector3::zeros(); 2];
-        Self { about, force, moment }
-    }
-
-    fn add(&mut self, point: &Point3<f64>, force: &Vector3<f64>) {
-        self.force += force;
-        self.moment += (point - self.about).cross(force);
-    }
-
-    fn minus(mut self, other: &Self) -> Self {
-        self.force -= other.force;
-        self.moment -= other.moment;
-        self
-    }
-}
-
 /// The nodes of one model that carry a load.
 struct Part {
     model: usize,
-    /// Force and area of each node, by the number of the node.
-    carriers: BTreeMap<usize, Carrier>,
-}
-
-#[derive(Clone, Copy)]
-struct Carrier {
-    point: Point3<f64>,
-    area: f64,
-    force: Vector3<f64>,
+    carriers: Carriers,
 }
 
 impl Part {
     fn new(model: usize) -> Self {
         Self {
             model,
-            carriers: BTreeMap::new(),
+            carriers: Carriers::default(),
         }
-    }
-
-    fn add(&mut self, node: usize, point: Point3<f64>, area: f64, force: Vector3<f64>) {
-        let fresh = Carrier {
-            point,
-            area: 0.0,
-            force: Vector3::zeros(),
-        };
-        let c = self.carriers.entry(node).or_insert(fresh);
-        c.area += area;
-        c.force += force;
     }
 
     /// Adds tractions on facets, multiplied by a share at the centres of the facets.
@@ -98,15 +52,9 @@ impl Part {
         for f in facets {
             let (t, w) = (field(f), share(&f.centre));
             for (n, a) in f.nodes.iter().zip(&f.shares) {
-                self.add(*n, body.model.nodes()[*n], a * w, t * (a * w));
+                self.carriers.add(*n, body.model.nodes()[*n], a * w, t * (a * w));
             }
         }
-    }
-
-    fn exerts(&self, about: Point3<f64>) -> Wrench {
-        let mut out = Wrench::zero(about);
-        self.carriers.values().for_each(|c| out.add(&c.point, &c.force));
-        out
     }
 }
 
@@ -128,10 +76,7 @@ struct Shared<'a> {
     skin: Faces,
     field: Traction,
     /// Prescribed force and moment.
-    prescribed: Wrench,
-    /// Sum of the magnitudes of the prescribed forces \[N\]; and sum of these times lever plus facet length
-    /// \[N m\].
-    sizes: [f64; 2],
+    prescribed: Resultant,
 }
 
 /// Distributes load `k` of the scene on the model `body`, which has zones, over its models.
@@ -154,7 +99,7 @@ pub(super) fn loads(
             not_twice(k, &part, scene, &bodies[part.model])?;
         }
         let factor = shared.load_factor(part.model, joints)?;
-        let forces = part.carriers.iter().flat_map(|(n, c)| {
+        let forces = part.carriers.0.iter().flat_map(|(n, c)| {
             let f = c.force * factor(&c.point);
             (0..3).map(move |axis| (3 * n + axis, f[axis]))
         });
@@ -173,7 +118,7 @@ fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()
             Some(facets) => facets.into_iter().flat_map(|f| f.nodes).collect(),
             None => select::nodes(&key_path, body, &other_load.at)?,
         };
-        if nodes.iter().any(|n| part.carriers.contains_key(n)) {
+        if nodes.iter().any(|n| part.carriers.0.contains_key(n)) {
             let rule = format!(
                 "is on '{zone}' where load[{k}] on '{whole}' acts already: a load on the body is shared with its zones; remove this \
                  one, or give it to '{whole}' as well if both are meant"
@@ -197,13 +142,10 @@ impl<'a> Shared<'a> {
         let field = load::traction(&path, l, &facets)?;
         let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
         let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-        let mut prescribed = Wrench::zero(Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area));
-        let mut sizes = [0.0; 2];
+        let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
+        let mut prescribed = Resultant::zero(middle);
         for f in &facets {
-            let force = field(f) * f.area();
-            prescribed.add(&f.centre, &force);
-            sizes[0] += force.norm();
-            sizes[1] += force.norm() * ((f.centre - prescribed.about).norm() + f.area().sqrt());
+            prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
         }
         let zones = names::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
@@ -222,7 +164,6 @@ impl<'a> Shared<'a> {
             body,
             field,
             prescribed,
-            sizes,
         })
     }
 
@@ -259,11 +200,11 @@ impl<'a> Shared<'a> {
         let exerted = zones
             .iter()
             .chain([&body_part])
-            .map(|p| p.exerts(self.prescribed.about));
-        let missing = exerted.fold(self.prescribed, |wrench, part| wrench.minus(&part));
+            .map(|p| p.carriers.exert(self.prescribed.wrench.about));
+        let missing = exerted.fold(self.prescribed.wrench, |wrench, part| wrench.minus(&part));
         self.make_up(&mut zones, missing)?;
         zones.push(body_part);
-        zones.retain(|p| !p.carriers.is_empty());
+        zones.retain(|p| !p.carriers.0.is_empty());
         Ok(zones)
     }
 
@@ -272,7 +213,7 @@ impl<'a> Shared<'a> {
     /// facets.
     fn on_spheres(&self, zone: usize, facets: &[SurfaceFacet<f64>], share: &Share<'_>) -> Result<Part> {
         let mut part = Part::new(zone);
-        let mut target = Wrench::zero(self.prescribed.about);
+        let mut target = Wrench::zero(self.prescribed.wrench.about);
         for f in facets {
             target.add(&f.centre, &((self.field)(f) * (f.area() * share(&f.centre))));
         }
@@ -290,54 +231,25 @@ impl<'a> Shared<'a> {
             let distance = |f: &&SurfaceFacet<f64>| (f.centre - x).norm_squared();
             let near = facets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
             let area = carried * section(n) / sum;
-            part.add(
+            part.carriers.add(
                 n,
                 x,
                 area,
                 near.map_or(Vector3::zeros(), |f| (self.field)(f) * area),
             );
         }
-        let missing = target.minus(&part.exerts(target.about));
+        let missing = target.minus(&part.carriers.exert(target.about));
         self.make_up(std::slice::from_mut(&mut part), missing)?;
         Ok(part)
     }
 
     /// Adds forces on the nodes of the parts, in proportion to area, with the missing resultant.
     fn make_up(&self, parts: &mut [Part], missing: Wrench) -> Result<()> {
-        let carriers = || parts.iter().flat_map(|p| p.carriers.values());
-        let area: f64 = carriers().map(|c| c.area).sum();
-        if area <= 0.0 {
-            return self.enough(&missing);
-        }
-        let (middle, polar) = load::polar(carriers().map(|c| (c.point, c.area)));
-        let moment = missing.moment - (middle - missing.about).cross(&missing.force);
-        let (along, turn) = (missing.force / area, load::turn(&polar, &moment));
-        let mut remainder = missing;
-        for c in parts.iter_mut().flat_map(|p| p.carriers.values_mut()) {
-            let more = (along + turn.cross(&(c.point - middle))) * c.area;
-            c.force += more;
-            remainder = remainder.minus(&{
-                let mut w = Wrench::zero(remainder.about);
-                w.add(&c.point, &more);
-                w
-            });
-        }
-        self.enough(&remainder)
-    }
-
-    /// Refuses a load that the models cannot carry.
-    fn enough(&self, remainder: &Wrench) -> Result<()> {
-        let [force, moment] = self.sizes;
-        if remainder.force.norm() <= LEFT * force && remainder.moment.norm() <= LEFT * moment {
-            return Ok(());
-        }
-        let rule = format!(
-            "{:.3e} N and {:.3e} N m of it would be lost: the zones of the body have too few spheres or nodes at this surface to carry \
-             their share; take smaller spheres, or keep the zone and its overlap away from it",
-            remainder.force.norm(),
-            remainder.moment.norm()
-        );
-        Err(key(format!("{}.where", self.path), rule))
+        let carriers = parts.iter_mut().flat_map(|p| p.carriers.0.values_mut());
+        let remainder = make_up(&mut carriers.collect::<Vec<_>>(), missing);
+        let who = "the zones of the body have too few spheres or nodes at this surface to carry their share; take smaller \
+                   spheres, or keep the zone and its overlap away from it";
+        self.prescribed.enough(&self.path, who, &remainder)
     }
 
     /// Returns the factor by which interfaces with models other than zones reduce the load on a model, as a

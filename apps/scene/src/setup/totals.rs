@@ -7,7 +7,7 @@
 
 use super::body::Body;
 use super::names::{model_index, parts};
-use super::{load, select};
+use super::{load, select, skin};
 use crate::error::{Result, core};
 use crate::spec::{Load, SceneSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -41,15 +41,21 @@ pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> 
         let key_path = format!("{path}.where");
         let mut parts: Vec<_> = match select::facets(&key_path, body, &l.at)? {
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
-            None => {
-                let layout = body.model.layout();
-                let mut masses = vec![0.0; layout.dofs()];
-                let weighed = body.model.lumped_inertia(&Uniform(1.0), &mut masses);
-                weighed.map_err(core(path))?;
-                let nodes = select::nodes(&key_path, body, &l.at)?;
-                let part = |n: &usize| (body.model.nodes()[*n], masses[n * layout.components]);
-                nodes.iter().map(part).collect()
-            }
+            None => match load::on_surface_of_spheres(l, body) {
+                Some(skin) => {
+                    let carriers = skin::carriers(&path, l, body, skin)?.0;
+                    carriers.values().map(|c| (c.point, c.area)).collect()
+                }
+                None => {
+                    let layout = body.model.layout();
+                    let mut masses = vec![0.0; layout.dofs()];
+                    let weighed = body.model.lumped_inertia(&Uniform(1.0), &mut masses);
+                    weighed.map_err(core(path))?;
+                    let nodes = select::nodes(&key_path, body, &l.at)?;
+                    let part = |n: &usize| (body.model.nodes()[*n], masses[n * layout.components]);
+                    nodes.iter().map(part).collect()
+                }
+            },
         };
         let area = parts.iter().map(|p| p.1).sum();
         if let Some(moment) = l.torque {

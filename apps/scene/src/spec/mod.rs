@@ -21,7 +21,8 @@ pub use interface::{
 };
 pub use model::{
     CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,
-    ModelTable, NotchBox, OwnStepTable, ParticleFieldKind, Protocol, RoleKind, Scheme, Shape,
+    ModelTable, Notch, NotchBox, NotchDisc, NotchPlane, OwnStepTable, ParticleFieldKind, Protocol, RoleKind,
+    Scheme, Shape,
 };
 pub(crate) use probe::Reading;
 pub use probe::{Component, Crack, Curve, Probe, Quantity};

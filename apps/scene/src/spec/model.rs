@@ -275,8 +275,8 @@ pub struct Material {
     /// Young's modulus, positive \[Pa\].
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: f64,
-    /// Poisson's ratio, above −0.9999 and below 0.49995 \[–\]; required by solids. In a packing it follows
-    /// from the beams; a value that differs gives a warning.
+    /// Poisson's ratio, above −0.9999 and below 0.49995 \[–\]; required by solids. Packings of
+    /// spheres reach 0.03 to 0.36; a value beyond gives a warning. Default for packings: 0.174.
     #[schemars(range(min = -0.9999, max = 0.49995))]
     pub poisson: Option<f64>,
     /// Density, positive \[kg/m³\].
@@ -372,16 +372,16 @@ pub struct DemTable {
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub coordination: Option<f64>,
     /// Young's modulus of the beams \[Pa\]. Default: 3.56 `material.young`, which gives a packing about that
-    /// modulus (2.65e11 Pa for 7.44e10 Pa); in a zone, with `radius_ratio`, the value that gives a packing
-    /// the body's modulus and Poisson's ratio (decision 0041).
+    /// modulus (2.65e11 Pa for 7.44e10 Pa) and a Poisson's ratio of 0.174. Where `material.poisson` differs
+    /// from 0.174 by more than 0.02, and in a zone, it is chosen together with `radius_ratio` from measured
+    /// packings, so that the packing has the modulus and the ratio of `material` (decision 0041).
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub young: Option<f64>,
-    /// Poisson's ratio of the beams \[–\]. The ratio of the packing follows from the beams (0.17 with the
-    /// defaults); `material.poisson` matters only in a zone. Default: 0.3.
+    /// Poisson's ratio of the beams \[–\]; that of the packing is `material.poisson`. Default: 0.3.
     #[schemars(range(max = 0.5), extend("exclusiveMinimum" = -1))]
     pub poisson: Option<f64>,
-    /// Beam radius over mean particle radius, from 0.2 to 1.5 \[–\]; needs `young`. Default: 0.71; in a zone
-    /// as for `young`.
+    /// Beam radius over mean particle radius, from 0.2 to 1.5 \[–\]; needs `young`. Default: 0.71, or
+    /// chosen together with `young`. Above 1.2 the stiffness of packings is not measured, with a warning.
     #[schemars(range(min = 0.2, max = 1.5))]
     pub radius_ratio: Option<f64>,
     /// Displacement field in overlaps.
@@ -391,15 +391,69 @@ pub struct DemTable {
     pub finite_rotations: bool,
     /// Treatment of spheres that bonds do not join to a part of at least four.
     pub loose: LooseKind,
-    /// Boxes without bonds: bonds that pass through a box are left out. Spheres that then hang on nothing are
-    /// removed with their mass. A box without thickness is a cut.
-    pub notch: Vec<NotchBox>,
+    /// Notches and cracks: boxes, planes, discs and closed surfaces. Bonds that cross one are left out, and
+    /// so are bonds within it. Spheres that then hang on nothing are removed with their mass. A notch without
+    /// thickness is a crack.
+    pub notch: Vec<Notch>,
 }
 
-/// A box that cuts all bonds that pass through it.
+/// A notch: exactly one of `low` with `high`, `plane`, `disc`, `file`.
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(transform = schema::exactly_one("low plane disc file"))]
+#[schemars(extend("dependencies" = { "low": ["high"], "high": ["low"], "scale": ["file"] }))]
+pub struct Notch {
+    /// Lowest corner of a box along the axes \[m\].
+    pub low: Option<[f64; 3]>,
+    /// Highest corner of the box \[m\].
+    pub high: Option<[f64; 3]>,
+    /// A plane with any normal.
+    pub plane: Option<NotchPlane>,
+    /// A disc (a penny-shaped crack).
+    pub disc: Option<NotchDisc>,
+    /// STL file of a closed surface, relative to the scene: spheres inside are removed.
+    pub file: Option<PathBuf>,
+    /// Length of one unit of the file \[m\]. Default: 1.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub scale: Option<f64>,
+}
+
+/// A plane that cuts bonds.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[non_exhaustive]
+pub struct NotchPlane {
+    /// A point of the plane \[m\].
+    pub point: [f64; 3],
+    /// Normal of the plane (any length).
+    #[schemars(transform = schema::not_zero)]
+    pub normal: [f64; 3],
+    /// Thickness, one half on each side \[m\]. Default: 0, a crack.
+    #[schemars(range(min = 0))]
+    pub thickness: Option<f64>,
+    /// The box that holds the notch. Default: the plane cuts through the whole body.
+    pub within: Option<NotchBox>,
+}
+
+/// A disc that cuts bonds.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NotchDisc {
+    /// Centre \[m\].
+    pub centre: [f64; 3],
+    /// Normal of the disc (any length).
+    #[schemars(transform = schema::not_zero)]
+    pub normal: [f64; 3],
+    /// Radius \[m\].
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub radius: f64,
+    /// Thickness, one half on each side \[m\]. Default: 0, a crack.
+    #[schemars(range(min = 0))]
+    pub thickness: Option<f64>,
+}
+
+/// A box along the axes.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct NotchBox {
     /// Lowest corner \[m\].
     pub low: [f64; 3],

@@ -21,5 +21,6 @@ mod rooms;
 mod shipped;
 mod statics;
 mod stresses;
+mod surface_loads;
 mod volumes;
 mod zone;

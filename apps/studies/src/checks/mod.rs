@@ -3,6 +3,7 @@
 mod beam_a;
 mod beam_b;
 mod beams;
+pub mod branching;
 mod check;
 mod choices;
 mod claims;
@@ -183,6 +184,13 @@ pub static CASES: [Case; 18] = [
     },
 ];
 
+/// Benchmarks of fracture, which take minutes each: `arlequin verify --fracture`.
+pub static FRACTURE: [Case; 1] = [cheap(
+    "branching",
+    "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
+    branching::branching,
+)];
+
 /// Options of a verification.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options<'a> {
@@ -194,17 +202,17 @@ pub struct Options<'a> {
     pub kept: Option<&'a Path>,
 }
 
-/// Returns the cases with these names; all cases if no name is given.
+/// Returns the cases of a list with these names; all cases if no name is given.
 ///
 /// # Errors
 /// An unknown name.
-pub fn choose(names: &[String]) -> Result<Vec<&'static Case>> {
+pub fn choose(cases: &'static [Case], names: &[String]) -> Result<Vec<&'static Case>> {
     if names.is_empty() {
-        return Ok(CASES.iter().collect());
+        return Ok(cases.iter().collect());
     }
-    let known: Vec<String> = CASES.iter().map(|c| c.name.to_owned()).collect();
+    let known: Vec<String> = cases.iter().map(|c| c.name.to_owned()).collect();
     let find = |n: &String| {
-        let case = CASES.iter().find(|c| c.name == n);
+        let case = cases.iter().find(|c| c.name == n);
         case.ok_or_else(|| unknown("verify", n, "case", known.iter()))
     };
     names.iter().map(find).collect()
@@ -220,7 +228,7 @@ pub fn checks(name: &str) -> Result<Vec<Check>> {
         quick: true,
         figures: false,
     };
-    let case = choose(&[name.to_owned()])?;
+    let case = choose(&CASES, &[name.to_owned()])?;
     Ok((case[0].evaluate)(&runs)?.checks)
 }
 

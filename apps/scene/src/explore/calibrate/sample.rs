@@ -3,9 +3,11 @@
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown};
 use crate::scene::{Scene, Source};
+use crate::setup;
 use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
-use crate::setup::{self, cut};
-use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, NotchBox, SceneSpec, Shape};
+use crate::setup::{Knife, cut, knives};
+use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, SceneSpec, Shape};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_diameter, mean_sphere_volume};
@@ -50,8 +52,8 @@ pub(super) struct Sample {
     pub test: Test,
     table: ModelTable,
     folder: PathBuf,
-    /// Notches of the scene in the frame of the container; only strength tests cut them.
-    notches: Vec<NotchBox>,
+    /// Notches of the scene, and place of the container in the scene \[m\]; only strength tests cut them.
+    notches: (Vec<Knife>, Vector3<f64>),
 }
 
 impl Sample {
@@ -124,7 +126,7 @@ impl Sample {
             key: model_key.to_owned(),
             recipes,
             test: Test::Tension(bar),
-            notches: notches(&table, &filling),
+            notches: (knives(model_key, &table.dem.notch, &folder)?, filling.shift),
             table,
             folder,
         };
@@ -142,7 +144,7 @@ impl Sample {
 
     /// Cuts the notches of the scene.
     pub(super) fn cut(&self, packing: &mut Packing) -> Result<()> {
-        cut(&self.key, &self.notches, packing)
+        cut(&self.notches.0, &self.notches.1, packing)
     }
 
     /// Refuses bars too short for their spheres.
@@ -229,19 +231,6 @@ fn replace_shape(
          {y:e} by {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
         given.shape.name()
     )))
-}
-
-/// Returns the notches of a table in the frame of the container.
-fn notches(table: &ModelTable, filling: &Filling) -> Vec<NotchBox> {
-    let shift = filling.shift;
-    let moved = |x: [f64; 3]| [x[0] - shift.x, x[1] - shift.y, x[2] - shift.z];
-    let boxes = table.dem.notch.iter();
-    boxes
-        .map(|b| NotchBox {
-            low: moved(b.low),
-            high: moved(b.high),
-        })
-        .collect()
 }
 
 /// Returns the key and the table of the chosen model, and the folder of the scene.
@@ -434,7 +423,7 @@ fn periodic(wanted: &Wanted, model_key: String, table: ModelTable, beam: BeamMat
         test: Test::Bulk,
         table,
         folder: PathBuf::new(),
-        notches: Vec::new(),
+        notches: (Vec::new(), Vector3::zeros()),
     })
 }
 

@@ -4,13 +4,14 @@ use crate::error::{Error, Result, cnem, dem};
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
 use crate::setup::files::is;
-use crate::setup::filling::{Filling, Recipe, beam, unlike_its_material, unlike_the_body};
+use crate::setup::filling::{Filling, Recipe, beam, beyond_the_table, unlike_its_material, unlike_the_body};
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{self, Grid};
 use crate::setup::packing::PackingLine;
+use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
-use crate::setup::{grains, materials};
-use crate::spec::{Load, ModelTable, ParticleFieldKind, SceneSpec, Shape};
+use crate::setup::{grains, materials, notch};
+use crate::spec::{ModelTable, ParticleFieldKind, SceneSpec, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
@@ -139,10 +140,6 @@ impl Kind for Dem {
         }
     }
 
-    fn carries(&self, load: &Load) -> bool {
-        load.force.is_some() || load.torque.is_some()
-    }
-
     /// Spheres have groups at the plane faces of a shape only.
     fn groups(&self, shape: &Shape) -> Option<&'static [&'static str]> {
         match shape {
@@ -159,7 +156,7 @@ impl Kind for Dem {
         unread(key, table)?;
         let filling = Filling::from_table(key, table, folder)?;
         Recipe::check(key, table, folder, &filling)?;
-        grains::check_notches(key, &table.dem.notch, filling.ends())?;
+        notch::check(&notch::knives(key, &table.dem.notch, folder)?, filling.ends())?;
         beam(key, table).map(|_| ())
     }
 
@@ -204,11 +201,13 @@ impl Kind for Dem {
             beam.young *= likeness.map_or(1.0, |l| l.beams);
         }
         // The body's elements have no notch, so the packing is measured before it gets one.
-        grains::cut(key, &table.dem.notch, &mut packing)?;
+        let knives = notch::knives(key, &table.dem.notch, folder)?;
+        notch::cut(&knives, &Vector3::zeros(), &mut packing)?;
         let line = PackingLine::from_packing(&packing, table.material.density, likeness);
         let mut warnings = line.warnings();
         warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
         warnings.extend(unlike_its_material(table, &beam));
+        warnings.extend(beyond_the_table(table, &beam));
         let model = make(&packing, beam)?;
         // Lowers the peak of memory: effects and fields are built below.
         drop(packing);
@@ -217,7 +216,7 @@ impl Kind for Dem {
         } else {
             model
         };
-        let (model, grains) = grains::build(model, table, effects, line)?;
+        let (model, grains) = grains::build(model, table, effects, line, Skin::new(&table.shape, &filling))?;
         let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
             ParticleFieldKind::Natural => {
                 let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);

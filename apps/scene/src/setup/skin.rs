@@ -1,0 +1,287 @@
+//! The surface of a model of particles, which carries tractions and pressures.
+//!
+//! Spheres have no facets. The surface is that of the shape which they fill; each sphere that touches the
+//! loaded part carries the traction of the nearest triangle on an area in proportion to its section. The
+//! resultant is then corrected to that of the surface, in force and moment.
+
+use super::body::Body;
+use super::faces::Faces;
+use super::filling::Filling;
+use super::load;
+use super::select;
+use super::spread::{Carrier, Carriers, Resultant, make_up};
+use crate::error::{Result, key, unknown};
+use crate::spec::{Load, Selection, Shape};
+use arlequin::core::effect::SurfaceFacet;
+use arlequin::core::geometry::bounds_of;
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::packing::Container;
+use arlequin::dem_beam::{Surface, TOUCH};
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// Number of sides of the polygon that stands for the circle of a cylinder; its area is that of the circle.
+const SIDES: usize = 256;
+
+type Triangle = [Point3<f64>; 3];
+
+/// Triangles of a surface \[m\], which face outwards, and those of its named parts.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Skin {
+    groups: BTreeMap<String, Vec<Triangle>>,
+    whole: Vec<Triangle>,
+}
+
+impl Skin {
+    /// Returns the surface of a shape.
+    pub(super) fn new(shape: &Shape, filling: &Filling) -> Self {
+        let groups = match *shape {
+            Shape::Box { low, high, .. } => cuboid(low, high),
+            Shape::Cylinder { from, length, radius } => cylinder(&Point3::from(from), length, radius),
+            _ => return Self::from_file(filling),
+        };
+        let mut out = Self {
+            whole: groups.values().flatten().copied().collect(),
+            groups,
+        };
+        // The side of a cylinder has no group, as for supports.
+        out.groups.remove(SIDE);
+        out
+    }
+
+    /// Returns the surface in a file, or that of a zone. Named triangles get the direction of the surface.
+    fn from_file(filling: &Filling) -> Self {
+        let whole = match &filling.container {
+            Container::Surface(surface) => triangles(surface),
+            Container::Around(around) => triangles(around.part()),
+            _ => Vec::new(),
+        };
+        if whole.is_empty() {
+            return Self::default();
+        }
+        let near = Faces::new(whole.clone());
+        let turned = |t: &[Vector3<f64>; 3]| {
+            let [a, b, c] = t.map(Point3::from);
+            let beside = near.triangles()[near.nearest(&centre(&[a, b, c])).0];
+            match area_vector(&[a, b, c]).dot(&area_vector(&beside)) < 0.0 {
+                true => [a, c, b],
+                false => [a, b, c],
+            }
+        };
+        let named = filling.faces.iter();
+        let groups = named.map(|(name, t)| (name.clone(), t.iter().map(turned).collect()));
+        Self {
+            groups: groups.collect(),
+            whole,
+        }
+    }
+
+    /// Returns the selected part of the surface of model `name`, with spheres of this mean diameter \[m\]. A
+    /// box cuts triangles at its sides. It leaves out a face that it takes less than a diameter of, so that a
+    /// box around one face does not load the rims of its neighbours.
+    ///
+    /// # Errors
+    /// An unknown group; a selection without surface.
+    pub(super) fn select(
+        &self,
+        path: &str,
+        name: &str,
+        selection: &Selection,
+        diameter: f64,
+    ) -> Result<Vec<Triangle>> {
+        let selected = match selection {
+            Selection::Group(group) => match self.groups.get(group) {
+                Some(triangles) => triangles.clone(),
+                None => {
+                    return Err(unknown(
+                        path,
+                        group,
+                        "surface of the model",
+                        select::named(&self.groups),
+                    ));
+                }
+            },
+            Selection::Box(low, high) => {
+                select::check_box(path, low, high)?;
+                self.inside([*low, *high], diameter)
+            }
+        };
+        if selected.iter().any(|t| area_vector(t).norm() > 0.0) {
+            return Ok(selected);
+        }
+        let rule = format!(
+            "{selection} holds no surface of model '{name}'; choose a face or a larger box, or give a force [N]"
+        );
+        Err(key(path, rule))
+    }
+
+    /// Returns the triangles in a box.
+    fn inside(&self, corners: [[f64; 3]; 2], diameter: f64) -> Vec<Triangle> {
+        let [low, high] = bounds_of(self.whole.iter().flatten());
+        let slack = select::slack(diameter);
+        // Extent of the box in the body, and that of the body.
+        let reach = [0, 1, 2].map(|c| corners[1][c].min(high[c]) - corners[0][c].max(low[c]));
+        let full = high - low;
+        let narrow = |t: &Triangle| {
+            let normal = area_vector(t).normalize();
+            let is_strip = |c: usize| reach[c] < diameter && reach[c] < full[c] - slack;
+            (0..3).any(|c| is_strip(c) && normal[c].abs() < std::f64::consts::FRAC_1_SQRT_2)
+        };
+        let solid = self.whole.iter().filter(|t| area_vector(t).norm() > 0.0);
+        let mut out = Vec::new();
+        for t in solid.filter(|t| !narrow(t)) {
+            let mut polygon = t.to_vec();
+            for c in 0..3 {
+                polygon = clip(polygon, &|x| corners[1][c] - x[c], slack);
+                polygon = clip(polygon, &|x| x[c] - corners[0][c], slack);
+            }
+            let fan = polygon.get(1..).unwrap_or_default().windows(2);
+            out.extend(fan.map(|w| [polygon[0], w[0], w[1]]));
+        }
+        out
+    }
+}
+
+/// Returns the part of a convex polygon where the linear function `depth` is not negative; corners beyond it
+/// by `slack` at most do not count as beyond if all of them are.
+fn clip(polygon: Vec<Point3<f64>>, depth: &dyn Fn(&Point3<f64>) -> f64, slack: f64) -> Vec<Point3<f64>> {
+    if polygon.iter().all(|x| depth(x) >= -slack) {
+        return polygon;
+    }
+    let mut out = Vec::with_capacity(polygon.len() + 1);
+    for (k, a) in polygon.iter().enumerate() {
+        let b = &polygon[(k + 1) % polygon.len()];
+        let (s, t) = (depth(a), depth(b));
+        if s >= 0.0 {
+            out.push(*a);
+        }
+        if (s >= 0.0) != (t >= 0.0) {
+            out.push(a + (b - a) * (s / (s - t)));
+        }
+    }
+    out
+}
+
+/// Returns the spheres that carry a traction or pressure.
+///
+/// # Errors
+/// A selection without surface or without spheres; spheres that are too few to carry the moment.
+pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Carriers> {
+    let (name, key_path) = (body.model.name(), format!("{path}.where"));
+    let triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
+    let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(facet).collect();
+    let field = load::traction(path, l, &facets)?;
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
+    let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
+    let mut prescribed = Resultant::zero(middle);
+    for f in &facets {
+        prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
+    }
+    let radii = &body.grid.radii;
+    let gap = TOUCH * 0.5 * body.spacing;
+    let (faces, points) = (Faces::new(triangles), body.model.nodes());
+    let [low, high] = faces.bounds();
+    let reach = |k: usize| radii[k] + gap;
+    let is_near =
+        |k: &usize| (0..3).all(|c| points[*k][c] + reach(*k) > low[c] && points[*k][c] - reach(*k) < high[c]);
+    let near = (0..points.len()).filter(is_near);
+    let touching: Vec<(usize, usize)> = near
+        .map(|k| (k, faces.nearest(&points[k])))
+        .filter(|(k, (_, distance))| *distance < reach(*k))
+        .map(|(k, (triangle, _))| (k, triangle))
+        .collect();
+    if touching.is_empty() {
+        let rule = format!(
+            "no sphere of model '{name}' touches {}; choose a larger surface, or smaller spheres",
+            l.at
+        );
+        return Err(key(key_path, rule));
+    }
+    let sections: f64 = touching.iter().map(|(k, _)| radii[*k].powi(2)).sum();
+    let mut out = Carriers::default();
+    for (k, triangle) in touching {
+        let share = area * radii[k].powi(2) / sections;
+        out.add(k, points[k], share, field(&facets[triangle]) * share);
+    }
+    let missing = prescribed.wrench.minus(&out.exert(prescribed.wrench.about));
+    let remainder = make_up(&mut out.0.values_mut().collect::<Vec<&mut Carrier>>(), missing);
+    let who = format!(
+        "too few spheres of model '{name}' touch {} to carry its moment; choose a larger surface, or smaller spheres",
+        l.at
+    );
+    prescribed.enough(path, &who, &remainder)?;
+    Ok(out)
+}
+
+fn facet(t: &Triangle) -> SurfaceFacet<f64> {
+    let vector = area_vector(t);
+    SurfaceFacet {
+        nodes: Vec::new(),
+        shares: vec![vector.norm()],
+        centre: centre(t),
+        normal: vector.try_normalize(0.0).unwrap_or_default(),
+    }
+}
+
+/// Area \[m²\] times outward normal.
+fn area_vector([a, b, c]: &Triangle) -> Vector3<f64> {
+    (b - a).cross(&(c - a)) * 0.5
+}
+
+fn centre([a, b, c]: &Triangle) -> Point3<f64> {
+    Point3::from((a.coords + b.coords + c.coords) / 3.0)
+}
+
+fn triangles(surface: &Surface) -> Vec<Triangle> {
+    let corner = |k: u32| Point3::from(surface.vertices()[k as usize]);
+    surface.triangles().iter().map(|t| t.map(corner)).collect()
+}
+
+/// Name of the mantle of a cylinder.
+const SIDE: &str = "side";
+
+fn cuboid(low: [f64; 3], high: [f64; 3]) -> BTreeMap<String, Vec<Triangle>> {
+    let ends = [low, high];
+    let mut out = BTreeMap::new();
+    for (c, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        for (end, name) in ["min", "max"].into_iter().enumerate() {
+            // Corners counter-clockwise about the axis.
+            let corner = |[u, v]: [usize; 2]| {
+                let mut x = Point3::origin();
+                (x[c], x[(c + 1) % 3], x[(c + 2) % 3]) =
+                    (ends[end][c], ends[u][(c + 1) % 3], ends[v][(c + 2) % 3]);
+                x
+            };
+            let [p, q, r, s] = [[0, 0], [1, 0], [1, 1], [0, 1]].map(corner);
+            let outwards = |t: [Point3<f64>; 3]| if end == 1 { t } else { [t[0], t[2], t[1]] };
+            out.insert(
+                format!("{axis}-{name}"),
+                vec![outwards([p, q, r]), outwards([p, r, s])],
+            );
+        }
+    }
+    out
+}
+
+fn cylinder(from: &Point3<f64>, length: f64, radius: f64) -> BTreeMap<String, Vec<Triangle>> {
+    let angle = TAU / SIDES as f64;
+    let radius = radius * (angle / angle.sin()).sqrt();
+    let rim = |k: usize, x: f64| {
+        let a = angle * (k % SIDES) as f64;
+        from + Vector3::new(x, radius * a.cos(), radius * a.sin())
+    };
+    let (low, high) = (*from, from + Vector3::x() * length);
+    let fan = |k: usize| {
+        let [a, b, c, d] = [rim(k, 0.0), rim(k + 1, 0.0), rim(k, length), rim(k + 1, length)];
+        ([low, b, a], [high, c, d], [[a, b, c], [b, d, c]])
+    };
+    let mut out: BTreeMap<String, Vec<Triangle>> = BTreeMap::new();
+    let mut add = |name: &str, t: &[Triangle]| out.entry(name.to_owned()).or_default().extend(t);
+    for (first, last, side) in (0..SIDES).map(fan) {
+        add("x-min", &[first]);
+        add("x-max", &[last]);
+        add(SIDE, &side);
+    }
+    out
+}

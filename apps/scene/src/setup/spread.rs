@@ -1,0 +1,130 @@
+//! Forces on nodes or spheres that have a prescribed resultant.
+
+use super::load;
+use crate::error::{Result, key};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// Largest relative error of a distributed load.
+const LEFT: f64 = 1e-9;
+
+/// A force \[N\] and a moment \[N m\] about a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wrench {
+    pub(super) about: Point3<f64>,
+    pub(super) force: Vector3<f64>,
+    pub(super) moment: Vector3<f64>,
+}
+
+impl Wrench {
+    pub(super) fn zero(about: Point3<f64>) -> Self {
+        let [force, moment] = [Vector3::zeros(); 2];
+        Self { about, force, moment }
+    }
+
+    pub(super) fn add(&mut self, point: &Point3<f64>, force: &Vector3<f64>) {
+        self.force += force;
+        self.moment += (point - self.about).cross(force);
+    }
+
+    pub(super) fn minus(mut self, other: &Self) -> Self {
+        self.force -= other.force;
+        self.moment -= other.moment;
+        self
+    }
+}
+
+/// A node or sphere that carries a part of a load.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Carrier {
+    /// Position \[m\].
+    pub(super) point: Point3<f64>,
+    /// Share of the loaded area \[m²\].
+    pub(super) area: f64,
+    /// Force \[N\].
+    pub(super) force: Vector3<f64>,
+}
+
+/// Carriers of one model by the number of the node.
+#[derive(Debug, Default)]
+pub(super) struct Carriers(pub(super) BTreeMap<usize, Carrier>);
+
+impl Carriers {
+    pub(super) fn add(&mut self, node: usize, point: Point3<f64>, area: f64, force: Vector3<f64>) {
+        let fresh = Carrier {
+            point,
+            area: 0.0,
+            force: Vector3::zeros(),
+        };
+        let c = self.0.entry(node).or_insert(fresh);
+        c.area += area;
+        c.force += force;
+    }
+
+    pub(super) fn exert(&self, about: Point3<f64>) -> Wrench {
+        let mut out = Wrench::zero(about);
+        self.0.values().for_each(|c| out.add(&c.point, &c.force));
+        out
+    }
+}
+
+/// The load that carriers must have in sum, and its size, which decides what round-off is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Resultant {
+    pub(super) wrench: Wrench,
+    /// Sum of the magnitudes of the forces \[N\]; and sum of these times lever plus facet length \[N m\].
+    sizes: [f64; 2],
+}
+
+impl Resultant {
+    /// Starts without a load; moments are taken about a point.
+    pub(super) fn zero(about: Point3<f64>) -> Self {
+        Self {
+            wrench: Wrench::zero(about),
+            sizes: [0.0; 2],
+        }
+    }
+
+    /// Adds a force on a facet with this centre and area \[m²\].
+    pub(super) fn add(&mut self, centre: &Point3<f64>, area: f64, force: &Vector3<f64>) {
+        self.wrench.add(centre, force);
+        self.sizes[0] += force.norm();
+        self.sizes[1] += force.norm() * ((centre - self.wrench.about).norm() + area.sqrt());
+    }
+
+    /// Refuses a remainder that the carriers cannot carry: `who` names them.
+    pub(super) fn enough(&self, path: &str, who: &str, remainder: &Wrench) -> Result<()> {
+        let [force, moment] = self.sizes;
+        if remainder.force.norm() <= LEFT * force && remainder.moment.norm() <= LEFT * moment {
+            return Ok(());
+        }
+        let rule = format!(
+            "{:.3e} N and {:.3e} N m of it would be lost: {who}",
+            remainder.force.norm(),
+            remainder.moment.norm()
+        );
+        Err(key(format!("{path}.where"), rule))
+    }
+}
+
+/// Adds forces `a (α + θ × (x − c))` on the carriers with areas `a`, the smallest ones with the missing
+/// resultant. Returns what is still missing: all of it without carriers, and a moment about a line on which
+/// all carriers lie.
+pub(super) fn make_up(carriers: &mut [&mut Carrier], missing: Wrench) -> Wrench {
+    let area: f64 = carriers.iter().map(|c| c.area).sum();
+    if area <= 0.0 {
+        return missing;
+    }
+    let (middle, polar) = load::polar(carriers.iter().map(|c| (c.point, c.area)));
+    let moment = missing.moment - (middle - missing.about).cross(&missing.force);
+    let (along, turn) = (missing.force / area, load::turn(&polar, &moment));
+    let mut remainder = missing;
+    for c in carriers {
+        let more = (along + turn.cross(&(c.point - middle))) * c.area;
+        c.force += more;
+        let mut added = Wrench::zero(remainder.about);
+        added.add(&c.point, &more);
+        remainder = remainder.minus(&added);
+    }
+    remainder
+}

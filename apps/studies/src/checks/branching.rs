@@ -1,0 +1,180 @@
+//! Dynamic crack branching in a plate of soda-lime glass (Bobaru and Zhang 2015): a fork at 4 MPa, a straight
+//! crack at 2 MPa.
+
+use super::check::{Accept, Check};
+use super::{Figure, Report, Runs};
+use crate::crack::{Broken, CrackPath, Fork, Plate};
+use arlequin::dem_beam::fracture::locked;
+use arlequin_scene::{Result, Scene, Silent, Source};
+
+const TEXT: &str = include_str!("../../scenes/branching.toml");
+/// Fracture energy, Young's modulus, Poisson's ratio and density of the scene \[J/m², Pa, –, kg/m³\].
+const GLASS: [f64; 4] = [3.8, 72e9, 0.22, 2440.0];
+/// Tip of the notch, and end of the plate \[m\].
+const ENDS: [f64; 2] = [50e-3, 100e-3];
+const THICKNESS: f64 = 2e-3;
+/// Place of the notch across the plate \[m\].
+const MIDDLE: f64 = 20e-3;
+const SEEDS: [u64; 3] = [1, 2, 3];
+
+/// Returns the broken bonds of the plate under a traction \[Pa\], with spheres of this mean diameter \[m\].
+///
+/// # Errors
+/// A diameter or a traction that the scene cannot take.
+pub fn breaks(diameter: f64, seed: u64, traction: f64) -> Result<Vec<Broken>> {
+    let scene = Scene::from_source(Source::new("branching.toml", TEXT))?
+        .set("model.plate.spacing", format!("{diameter:e}"))?
+        .set("model.plate.dem.seed", seed)?
+        .set("load.0.traction", format!("[0.0, {traction:e}, 0.0]"))?
+        .set("load.1.traction", format!("[0.0, {:e}, 0.0]", -traction))?;
+    let results = scene.prepare()?.run(&mut Silent)?;
+    let logs = results.breaks.iter().flatten();
+    let events = logs.flat_map(|log| locked(log).events().to_vec());
+    let broken = events.map(|e| Broken {
+        time: e.time,
+        place: [e.place.x, e.place.y],
+        released: e.released,
+    });
+    Ok(broken.collect())
+}
+
+/// Returns the measured crack of [`breaks`].
+#[must_use]
+pub fn path(diameter: f64, breaks: &[Broken]) -> CrackPath {
+    let plate = Plate {
+        ends: ENDS,
+        thickness: THICKNESS,
+        diameter,
+    };
+    CrackPath::new(plate, breaks)
+}
+
+/// Speed of Rayleigh waves, within half a per cent \[m/s\].
+fn rayleigh() -> f64 {
+    let [_, young, nu, density] = GLASS;
+    let shear = (young / (2.0 * (1.0 + nu) * density)).sqrt();
+    shear * (0.862 + 1.14 * nu) / (1.0 + nu)
+}
+
+/// Mean and half of the range of numbers.
+fn spread(values: &[f64]) -> [f64; 2] {
+    let n = values.len() as f64;
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+            (a.min(*x), b.max(*x))
+        });
+    [values.iter().sum::<f64>() / n, 0.5 * (high - low)]
+}
+
+/// Cracks of all seeds under one traction.
+struct Series {
+    traction: f64,
+    paths: Vec<CrackPath>,
+    breaks: Vec<Broken>,
+}
+
+impl Series {
+    fn run(diameter: f64, seeds: &[u64], traction: f64) -> Result<Self> {
+        let broken = seeds.iter().map(|seed| breaks(diameter, *seed, traction));
+        let broken = broken.collect::<Result<Vec<_>>>()?;
+        Ok(Self {
+            traction,
+            paths: broken.iter().map(|b| path(diameter, b)).collect(),
+            breaks: broken.into_iter().next().unwrap_or_default(),
+        })
+    }
+
+    fn name(&self, what: &str) -> String {
+        format!("{:.0} MPa: {what}", 1e-6 * self.traction)
+    }
+
+    fn forks(&self) -> Vec<Fork> {
+        self.paths.iter().filter_map(CrackPath::fork).collect()
+    }
+
+    fn row(&self, what: &str, values: &[f64], accept: Accept) -> Check {
+        let [mean, half] = spread(values);
+        let check = Check::new(self.name(what), mean, accept);
+        check.note(format!("± {half:.3} over {} seeds", values.len()))
+    }
+
+    /// Rows that both tractions have.
+    fn checks(&self, forked: bool) -> Vec<Check> {
+        let (count, forks) = (self.paths.len() as f64, self.forks());
+        let wanted = if forked { count } else { 0.0 };
+        let end = |p: &CrackPath| p.fork().map_or(f64::INFINITY, |f| f.place);
+        let speeds: Vec<[f64; 2]> = self.paths.iter().map(|p| p.speeds(end(p))).collect();
+        let over = |k: usize| speeds.iter().map(|s| s[k] / rayleigh()).collect::<Vec<f64>>();
+        let starts: Vec<f64> = self.paths.iter().map(|p| 1e6 * p.start()).collect();
+        let released: Vec<f64> = self
+            .paths
+            .iter()
+            .map(|p| p.released_per_area() / GLASS[0])
+            .collect();
+        let mut out = vec![
+            Check::against(
+                self.name("seeds with a fork"),
+                forks.len() as f64,
+                wanted,
+                "issue of the deck",
+                Accept::Absolute(0.0),
+            ),
+            self.row("crack leaves the notch [us]", &starts, Accept::Between(0.0, 43.0)),
+            self.row("mean speed over Rayleigh's", &over(1), Accept::Between(0.2, 1.0)),
+            self.row(
+                "largest speed over Rayleigh's",
+                &over(0),
+                Accept::Between(0.2, 1.0),
+            ),
+            self.row(
+                "released energy per area over gc",
+                &released,
+                Accept::Between(0.88, 1.12),
+            ),
+        ];
+        if forked {
+            let places: Vec<f64> = forks.iter().map(|f| 1e3 * f.place).collect();
+            let times: Vec<f64> = forks.iter().map(|f| 1e6 * f.time).collect();
+            out.push(self.row("place of the fork [mm]", &places, Accept::Between(50.0, 90.0)));
+            out.push(self.row("time of the fork [us]", &times, Accept::Between(0.0, 43.0)));
+        } else {
+            let wander: Vec<f64> = self.paths.iter().map(|p| 1e3 * p.wander(MIDDLE)).collect();
+            out.push(self.row(
+                "largest distance from the line [mm]",
+                &wander,
+                Accept::AtMost(4.0),
+            ));
+        }
+        out
+    }
+}
+
+/// Compares the cracks of the plate under 4 MPa and 2 MPa.
+pub(super) fn branching(done: &Runs) -> Result<Report> {
+    let (diameter, seeds) = if done.quick {
+        (1e-3, &SEEDS[..1])
+    } else {
+        (0.5e-3, &SEEDS[..])
+    };
+    let [high, low] = [4e6, 2e6].map(|t| Series::run(diameter, seeds, t));
+    let (high, low) = (high?, low?);
+    let line = |s: &Series| {
+        let of = |k: usize| s.breaks.iter().map(|b| 1e3 * b.place[k]).collect();
+        (s.name("broken bonds"), of(0), of(1))
+    };
+    let figure = Figure {
+        file: "branching",
+        title: "Broken bonds of the plate, one packing",
+        axes: [["x", "mm"], ["y", "mm"]],
+        log: [false; 2],
+        curves: vec![line(&high), line(&low)],
+        says: String::new(),
+    };
+    let mut checks = high.checks(true);
+    checks.extend(low.checks(false));
+    Ok(Report {
+        checks,
+        figures: vec![figure],
+    })
+}
