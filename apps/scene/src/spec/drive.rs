@@ -194,7 +194,8 @@ pub struct Load {
     pub name: Option<String>,
     /// Name of the model.
     pub model: String,
-    /// The surface; a box selects the surface facets with all corners in it. On `body` it is the surface of
+    /// The surface; a box selects the surface facets with all corners in it, and of particles
+    /// the part of the surface in it, without strips narrower than a sphere. On `body` it is the surface of
     /// the whole body, and its zones carry their share.
     #[serde(rename = "where")]
     pub at: Selection,

@@ -104,9 +104,10 @@ fn a_pressure_bends_no_more_than_its_own_face() {
         .and_then(|p| p.run(&mut Silent))
         .expect("at rest");
     let end = |results: &Results| results.probe("end").expect("a probe").1[0];
-    // The stress over the modulus, times the length; a short packing between walls is softer.
+    // Strain of the whole length over stress. Supports hold the layer of spheres that touches a face, so that
+    // the length which strains is a diameter shorter; packings of the quench protocol are stiffer.
     let strain = end(&results) / 8.0 / 1e-3;
-    assert!((0.9..1.25).contains(&strain), "{strain}");
+    assert!((0.75..1.1).contains(&strain), "{strain}");
     let by_mass = prepared(&bar("force = [27e-3, 0.0, 0.0]"))
         .and_then(|p| p.run(&mut Silent))
         .expect("at rest");

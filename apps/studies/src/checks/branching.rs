@@ -1,5 +1,5 @@
-//! Dynamic crack branching in a plate of soda-lime glass (Bobaru and Zhang 2015): a fork at 4 MPa, a straight
-//! crack at 2 MPa.
+//! Dynamic crack branching in a plate of soda-lime glass (Bobaru and Zhang 2015): we expect a fork at 4e6 Pa
+//! and a straight crack at 2e6 Pa.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs};
@@ -117,7 +117,7 @@ impl Series {
                 self.name("seeds with a fork"),
                 forks.len() as f64,
                 wanted,
-                "issue of the deck",
+                "our expectation",
                 Accept::Absolute(0.0),
             ),
             self.row("crack leaves the notch [us]", &starts, Accept::Between(0.0, 43.0)),
@@ -150,7 +150,7 @@ impl Series {
     }
 }
 
-/// Compares the cracks of the plate under 4 MPa and 2 MPa.
+/// Compares the cracks of the plate under 4e6 Pa and 2e6 Pa.
 pub(super) fn branching(done: &Runs) -> Result<Report> {
     let (diameter, seeds) = if done.quick {
         (1e-3, &SEEDS[..1])
