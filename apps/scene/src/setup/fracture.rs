@@ -2,9 +2,9 @@
 
 use super::packing::Toughness;
 use crate::error::{Result, dem, key};
-use crate::spec::{self, CriterionKind, ModelTable};
+use crate::spec::{self, CriterionKind, Effect, EffectKind, ModelTable};
 use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
-use arlequin::dem_beam::{Criterion, Fracture, Scatter};
+use arlequin::dem_beam::{BeamMaterial, Criterion, Fracture, Scatter};
 
 /// Strength of the beams over that of the body, without scatter (docs/calibration.md).
 const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
@@ -12,6 +12,9 @@ const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
     (Criterion::Rankine, 12.0),
     (Criterion::Mises, 12.0),
 ];
+
+/// Difference of radius ratios within which beams count as those of the calibration.
+const SAME_BEAMS: f64 = 0.05;
 
 /// Returns when the bonds of a model break.
 ///
@@ -100,5 +103,20 @@ pub(super) fn toughness(f: &spec::Fracture, model: &ModelTable, diameter: f64) -
         gc,
         diameter,
         tensile_strength: tensile_strength(model.material.young, gc, diameter),
+    })
+}
+
+/// Warning about a fracture energy with beams for which its factor is not measured: at 0.57 mean radii, cracks
+/// took about two thirds of it (docs/branching.md).
+pub(super) fn uncalibrated(effects: &[(usize, &Effect)], beam: &BeamMaterial) -> Option<String> {
+    let measured = BeamMaterial::SILICA.radius_ratio;
+    let has_energy = |e: &Effect| matches!(&e.kind, EffectKind::Fracture(f) if e.enabled && f.gc.is_some());
+    let (k, _) = effects.iter().find(|(_, e)| has_energy(e))?;
+    ((beam.radius_ratio - measured).abs() > SAME_BEAMS).then(|| {
+        format!(
+            "effect[{k}].fracture.gc was calibrated with beams of {measured} mean radii (material.poisson = 0.17), and these \
+             have {:.2}: cracks may take much less or more energy; take poisson = 0.17 where the fracture energy counts more",
+            beam.radius_ratio
+        )
     })
 }
