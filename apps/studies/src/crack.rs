@@ -9,6 +9,8 @@ const PASSED: f64 = 0.3;
 const GOES_ON: f64 = 16.0;
 /// Share of the slices after a fork that must have both branches.
 const BOTH: f64 = 0.8;
+/// Distance from the crack up to which breaks belong to it, in spheres.
+const BESIDE: f64 = 2.5;
 /// Length over which a speed is measured \[spheres\].
 const RUN: f64 = 20.0;
 
@@ -190,6 +192,31 @@ impl Slice {
     }
 }
 
+/// Energy of the breaks between two places along the crack, as far as they lie at most 2.5 mean diameters
+/// beside the median of the breaks in the same part of about two diameters \[J\]: small branches are left out.
+#[must_use]
+pub fn released_beside(breaks: &[Broken], [from, to]: [f64; 2], diameter: f64) -> f64 {
+    let count = ((to - from) / (2.0 * diameter)).ceil().max(1.0);
+    let mut parts: Vec<Vec<&Broken>> = vec![Vec::new(); count as usize];
+    for b in breaks.iter().filter(|b| b.place[0] >= from && b.place[0] < to) {
+        let k = ((b.place[0] - from) / (to - from) * count) as usize;
+        let last = parts.len() - 1;
+        parts[k.min(last)].push(b);
+    }
+    let mut out = 0.0;
+    for part in &mut parts {
+        part.sort_by(|a, b| a.place[1].total_cmp(&b.place[1]));
+        let Some(median) = part.get(part.len() / 2).map(|b| b.place[1]) else {
+            continue;
+        };
+        let near = part
+            .iter()
+            .filter(|b| (b.place[1] - median).abs() <= BESIDE * diameter);
+        out += near.map(|b| b.released).sum::<f64>();
+    }
+    out
+}
+
 /// Slope of the second numbers over the first, by least squares.
 fn slope(rows: &[[f64; 2]]) -> f64 {
     let n = rows.len() as f64;
@@ -261,6 +288,15 @@ mod tests {
         // 800 breaks (two at the same place) of a quarter each, over 50 by 2.
         let per_area = straight.released_per_area();
         assert!((per_area - 800.0 * 0.25 / 100.0).abs() < 0.02, "{per_area}");
+        // Two bonds per unit of area, between two places; small branches are left out.
+        let beside = released_beside(&breaks(999.0, 0.0), [60.0, 90.0], 0.5);
+        assert!((beside - 8.0 * 30.0 * 0.25).abs() < 1.0, "{beside}");
+        let mut stray = breaks(999.0, 0.0);
+        stray.push(Broken {
+            place: [70.0, 2.0],
+            ..stray[0]
+        });
+        assert!((released_beside(&stray, [60.0, 90.0], 0.5) - beside).abs() < 1e-12);
         // Before the fork alone, the speed is the same.
         let forked = CrackPath::new(PLATE, &breaks(75.0, 99.0));
         assert!((forked.speeds(75.0)[1] / 2.0 - 1.0).abs() < 1e-3);

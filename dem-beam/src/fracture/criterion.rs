@@ -1,13 +1,14 @@
 //! Load of a bond, to be compared with its strength.
 
-use crate::bond::{BeamRigidity, LinearBond, Twist};
+use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::Result;
 use crate::finite::{Deformed, Pose};
 use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
-/// Energy that bonds release per area of a crack in the body, over their strength as an energy per section.
-/// Measured on edge-cracked strips, the same for both energies: docs/calibration.md has the table.
+/// Energy that bonds of [`BeamMaterial::SILICA`]'s radius ratio release per area of a crack in the body, over
+/// their strength as an energy per section. Other beams have it in proportion to their section: a crack breaks
+/// as many bonds. Measured on edge-cracked strips, the same for both energies: docs/calibration.md has the table.
 const RELEASED_SHARE: f64 = 0.78;
 /// `κ` of a body's strength in tension `√(E G_c/(π κ d))`, where `d` is the mean diameter of the spheres:
 /// half the length of the crack that has this strength in a plate, in diameters. From the strength of plain
@@ -166,11 +167,13 @@ impl Criterion {
         }
     }
 
-    /// Returns the fracture energy of the body over the strength of its bonds \[–\], or `None` for stresses:
-    /// under them the fracture energy depends on the size of the spheres.
+    /// Returns the fracture energy of the body over the strength of its bonds \[–\] for beams of this radius
+    /// over the mean particle radius, or `None` for stresses: under them the fracture energy depends on the
+    /// size of the spheres.
     #[must_use]
-    pub fn released_share(self) -> Option<f64> {
-        self.is_energy().then_some(RELEASED_SHARE)
+    pub fn released_share(self, radius_ratio: f64) -> Option<f64> {
+        self.is_energy()
+            .then_some(RELEASED_SHARE * (radius_ratio / BeamMaterial::SILICA.radius_ratio).powi(2))
     }
 
     /// Load of every bond of a body \[Pa, or J/m² where [`Self::is_energy`]\], unweighted and including

@@ -85,17 +85,21 @@ impl Fracture {
         }
     }
 
-    /// One strength for all bonds, so that a crack takes `gc` \[J/m²\] per area that it opens in the body.
+    /// One strength for all bonds, so that a crack takes `gc` \[J/m²\] per area that it opens in a body with
+    /// beams of this radius over the mean particle radius.
     ///
     /// # Errors
-    /// [`Error::StressCriterion`] for a criterion that compares stresses; [`Error::OutOfRange`] unless
-    /// `gc > 0`.
-    pub fn from_fracture_energy(criterion: Criterion, gc: f64) -> Result<Self> {
+    /// [`Error::StressCriterion`] for a criterion that compares stresses; [`Error::OutOfRange`] unless `gc` and
+    /// the ratio are positive.
+    pub fn from_fracture_energy(criterion: Criterion, gc: f64, radius_ratio: f64) -> Result<Self> {
         let criterion_name = criterion.name();
-        let share = criterion.released_share().ok_or(Error::StressCriterion {
-            criterion: criterion_name,
-        })?;
+        let share = criterion
+            .released_share(radius_ratio)
+            .ok_or(Error::StressCriterion {
+                criterion: criterion_name,
+            })?;
         positive("fracture energy gc", gc)?;
+        positive("beam radius ratio", radius_ratio)?;
         Ok(Self::new(criterion, gc / share))
     }
 

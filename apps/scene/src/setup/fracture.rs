@@ -1,10 +1,11 @@
 //! `fracture` of particles: criterion, strength or fracture energy, scatter.
 
+use super::filling::beam;
 use super::packing::Toughness;
 use crate::error::{Result, dem, key};
-use crate::spec::{self, CriterionKind, Effect, EffectKind, ModelTable};
+use crate::spec::{self, CriterionKind, ModelTable};
 use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
-use arlequin::dem_beam::{BeamMaterial, Criterion, Fracture, Scatter};
+use arlequin::dem_beam::{Criterion, Fracture, Scatter};
 
 /// Strength of the beams over that of the body, without scatter (docs/calibration.md).
 const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
@@ -13,23 +14,25 @@ const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
     (Criterion::Mises, 12.0),
 ];
 
-/// Difference of radius ratios within which beams count as those of the calibration.
-const SAME_BEAMS: f64 = 0.05;
-
 /// Returns when the bonds of a model break.
 ///
 /// # Errors
 /// Keys that are missing or exclude each other; values out of range.
-pub(super) fn fracture(path: &str, f: &spec::Fracture, model: &ModelTable) -> Result<Fracture> {
+pub(super) fn fracture(
+    path: &str,
+    f: &spec::Fracture,
+    (name, model): (&str, &ModelTable),
+) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },
         (None, Some(deviation)) => Scatter::Normal { deviation },
         (None, None) => Scatter::None,
     };
+    let ratio = beam(name, model)?.radius_ratio;
     let base = match (f.gc, f.strength) {
-        (Some(gc), Some(strength)) => return Err(key(path, contradiction(f, gc, strength, model))),
-        (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc).map_err(dem(path))?,
+        (Some(gc), Some(strength)) => return Err(key(path, contradiction(f, [gc, strength, ratio], model))),
+        (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc, ratio).map_err(dem(path))?,
         (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
         (None, Some(_)) => {
             let rule = "strength needs criterion: a stress [Pa] for axial, rankine and mises, an energy per section [J/m2] \
@@ -64,10 +67,10 @@ fn criterion(f: &spec::Fracture) -> Criterion {
 }
 
 /// Describes what a fracture energy and a strength each imply, and when both hold.
-fn contradiction(f: &spec::Fracture, gc: f64, strength: f64, model: &ModelTable) -> String {
+fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &ModelTable) -> String {
     let criterion = criterion(f);
     let both = format!("gc = {gc:e} J/m2 and strength = {strength:e} exclude each other");
-    if let (Some(_), Some(share)) = (f.criterion, criterion.released_share()) {
+    if let (Some(_), Some(share)) = (f.criterion, criterion.released_share(ratio)) {
         return format!(
             "{both}: gc implies a strength of {:.3e} J/m2, and the strength a gc of {:.3e} J/m2; remove one",
             gc / share,
@@ -103,20 +106,5 @@ pub(super) fn toughness(f: &spec::Fracture, model: &ModelTable, diameter: f64) -
         gc,
         diameter,
         tensile_strength: tensile_strength(model.material.young, gc, diameter),
-    })
-}
-
-/// Warning about a fracture energy with beams for which its factor is not measured: at 0.57 mean radii, cracks
-/// took about two thirds of it (docs/branching.md).
-pub(super) fn uncalibrated(effects: &[(usize, &Effect)], beam: &BeamMaterial) -> Option<String> {
-    let measured = BeamMaterial::SILICA.radius_ratio;
-    let has_energy = |e: &Effect| matches!(&e.kind, EffectKind::Fracture(f) if e.enabled && f.gc.is_some());
-    let (k, _) = effects.iter().find(|(_, e)| has_energy(e))?;
-    ((beam.radius_ratio - measured).abs() > SAME_BEAMS).then(|| {
-        format!(
-            "effect[{k}].fracture.gc was calibrated with beams of {measured} mean radii (material.poisson = 0.17), and these \
-             have {:.2}: cracks may take much less or more energy; take poisson = 0.17 where the fracture energy counts more",
-            beam.radius_ratio
-        )
     })
 }

@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
 pub(super) fn build(
     mut model: DemModel,
-    table: &ModelTable,
+    (key, table): (&str, &ModelTable),
     effects: &[(usize, &Effect)],
     mut packing: PackingLine,
     skin: Skin,
@@ -28,7 +28,7 @@ pub(super) fn build(
         };
         brittle = true;
         let path = format!("effect[{k}].fracture");
-        let spec = fracture(&path, f, table)?;
+        let spec = fracture(&path, f, (key, table))?;
         packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
         // With fracture off, the strengths only serve the warning that bonds would break.
         if !e.enabled {

@@ -211,12 +211,10 @@ fn effect(k: usize, e: &Effect, scene: &SceneSpec) -> Result<()> {
     match &e.kind {
         EffectKind::Fracture(f) => {
             let models = effect_models(k, e, scene)?;
-            let mut tables = scene
-                .model
-                .values()
-                .enumerate()
-                .filter(|(m, _)| models.contains(m));
-            tables.try_for_each(|(_, table)| fracture::fracture(&path, f, table).map(|_| ()))
+            let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
+            tables.try_for_each(|(_, (name, table))| {
+                fracture::fracture(&path, f, (&format!("model.{name}"), table)).map(|_| ())
+            })
         }
         // Any modulus: only the other numbers are checked.
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),

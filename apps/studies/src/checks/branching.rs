@@ -9,7 +9,7 @@ use arlequin_scene::{Result, Scene, Silent, Source};
 
 const TEXT: &str = include_str!("../../scenes/branching.toml");
 /// Fracture energy, Young's modulus, Poisson's ratio and density of the scene \[J/m², Pa, –, kg/m³\].
-const GLASS: [f64; 4] = [3.8, 72e9, 0.17, 2440.0];
+const GLASS: [f64; 4] = [3.8, 72e9, 0.22, 2440.0];
 /// Tip of the notch, and end of the plate \[m\].
 const ENDS: [f64; 2] = [50e-3, 100e-3];
 const THICKNESS: f64 = 2e-3;

@@ -9,6 +9,7 @@ mod choices;
 mod claims;
 mod solids;
 mod strength;
+pub mod strip;
 mod theory;
 
 use arlequin_scene::Progress;
@@ -185,11 +186,18 @@ pub static CASES: [Case; 18] = [
 ];
 
 /// Benchmarks of fracture, which take minutes each: `arlequin verify --fracture`.
-pub static FRACTURE: [Case; 1] = [cheap(
-    "branching",
-    "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
-    branching::branching,
-)];
+pub static FRACTURE: [Case; 2] = [
+    cheap(
+        "branching",
+        "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
+        branching::branching,
+    ),
+    cheap(
+        "strip",
+        "released energy per area of an edge-cracked strip, for beams of several widths",
+        strip::strip,
+    ),
+];
 
 /// Options of a verification.
 #[derive(Debug, Clone, Copy, Default)]

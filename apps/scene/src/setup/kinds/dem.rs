@@ -5,7 +5,6 @@ use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
 use crate::setup::files::is;
 use crate::setup::filling::{Filling, Recipe, beam, beyond_the_table, unlike_its_material, unlike_the_body};
-use crate::setup::fracture::uncalibrated;
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{self, Grid};
 use crate::setup::packing::PackingLine;
@@ -209,7 +208,6 @@ impl Kind for Dem {
         warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
         warnings.extend(unlike_its_material(table, &beam));
         warnings.extend(beyond_the_table(table, &beam));
-        warnings.extend(uncalibrated(effects, &beam));
         let model = make(&packing, beam)?;
         // Lowers the peak of memory: effects and fields are built below.
         drop(packing);
@@ -218,7 +216,13 @@ impl Kind for Dem {
         } else {
             model
         };
-        let (model, grains) = grains::build(model, table, effects, line, Skin::new(&table.shape, &filling))?;
+        let (model, grains) = grains::build(
+            model,
+            (key, table),
+            effects,
+            line,
+            Skin::new(&table.shape, &filling),
+        )?;
         let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
             ParticleFieldKind::Natural => {
                 let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
