@@ -145,7 +145,9 @@ const LEFT_OUT: [(&str, &str); 8] = [
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 6] = [
+const LONG: [&str; 8] = [
+    "arlequin run examples/scenes/branching.toml",
+    "arlequin verify --fracture",
     "arlequin run examples/scenes/plate-impact.toml",
     "arlequin run examples/sweeps/scenes/plate-impact-fine.toml",
     "arlequin sweep examples/sweeps/plate-impact",
@@ -156,7 +158,8 @@ const LONG: [&str; 6] = [
 
 /// The pages with commands, and the shipped scene that stands for `SCENE.toml` there. The tutorials share one
 /// folder, as for a reader who follows them.
-const PAGES: [(&str, &str, &str); 9] = [
+const PAGES: [(&str, &str, &str); 10] = [
+    ("branching.md", "branching", ""),
     ("introduction.md", "tutorials", ""),
     ("tutorial/plate.md", "tutorials", ""),
     ("tutorial/bend.md", "tutorials", ""),

@@ -41,6 +41,14 @@ fn breaks(name: &str, scene: &str) -> Vec<[f64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
+/// Energy released per area of the ligament \[J/m²\].
+fn released_per_area(breaks: &[[f64; 3]]) -> f64 {
+    let [end, tip, thickness] = STRIP;
+    let [low, high] = [tip + MARGIN, end - MARGIN];
+    let inside = breaks.iter().filter(|b| b[1] >= low && b[1] < high);
+    inside.map(|b| b[2]).sum::<f64>() / ((high - low) * thickness)
+}
+
 /// `gc` is the same as the strength that it implies, to the bit. A crack takes `gc` per area within the
 /// scatter of single strips that docs/calibration.md states.
 #[test]
@@ -53,16 +61,20 @@ fn a_crack_takes_the_fracture_energy_per_area() {
     );
     assert_eq!(by_energy, breaks("strip-strength", &strip(&strength)));
 
-    let [end, tip, thickness] = STRIP;
-    let [low, high] = [tip + MARGIN, end - MARGIN];
-    let inside = by_energy.iter().filter(|b| b[1] >= low && b[1] < high);
-    let released: f64 = inside.map(|b| b[2]).sum();
-    let per_area = released / ((high - low) * thickness);
+    let per_area = released_per_area(&by_energy);
     assert!(
         (per_area / GC - 1.0).abs() < 0.12,
         "{per_area} J/m2 of {GC} J/m2, {} bonds",
         by_energy.len()
     );
+}
+
+/// Wider beams than the default hold more energy per area of the crack at the same strength per section.
+#[test]
+fn a_crack_through_wide_beams_takes_the_fracture_energy_too() {
+    let scene = strip(&format!("{{ gc = {GC:?} }}")).replace("poisson = 0.17", "poisson = 0.117");
+    let per_area = released_per_area(&breaks("strip-wide", &scene));
+    assert!((per_area / GC - 1.0).abs() < 0.12, "{per_area} J/m2 of {GC} J/m2");
 }
 
 /// A block between walls, pressed along x.

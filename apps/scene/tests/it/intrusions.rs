@@ -216,7 +216,8 @@ fn particles_without_contact_are_told_the_moment_they_enter_each_other_and_conta
         "{line}"
     );
     assert!(line.contains("between = [\""), "{line}");
-    assert!((4.9e-6..8e-6).contains(time), "{time:e}");
+    // The recorded time is that of the step before; packings overlap their walls a little.
+    assert!((4.6e-6..8e-6).contains(time), "{time:e}");
     let contact = "[[effect]]\nbetween = [\"below\", \"above\"]\ncontact = {}\n";
     assert!(
         run(&text.replace("[time]", &(contact.to_owned() + "[time]")))
