@@ -198,12 +198,7 @@ pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result
         );
         return Err(key(key_path, rule));
     }
-    let sections: f64 = touching.iter().map(|(k, _)| radii[*k].powi(2)).sum();
-    let mut out = Carriers::default();
-    for (k, triangle) in touching {
-        let share = area * radii[k].powi(2) / sections;
-        out.add(k, points[k], share, field(&facets[triangle]) * share);
-    }
+    let mut out = distribute(&touching, (points, radii), &facets, &field);
     let missing = prescribed.wrench.minus(&out.exert(prescribed.wrench.about));
     let remainder = make_up(&mut out.0.values_mut().collect::<Vec<&mut Carrier>>(), missing);
     let who = format!(
@@ -212,6 +207,24 @@ pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result
     );
     prescribed.enough(path, &who, &remainder)?;
     Ok(out)
+}
+
+/// Gives each sphere the traction of its facet on an area in proportion to its section. `touching` has the
+/// numbers of spheres and of their facets.
+fn distribute(
+    touching: &[(usize, usize)],
+    (points, radii): (&[Point3<f64>], &[f64]),
+    facets: &[SurfaceFacet<f64>],
+    field: &dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>,
+) -> Carriers {
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    let sections: f64 = touching.iter().map(|(k, _)| radii[*k].powi(2)).sum();
+    let mut out = Carriers::default();
+    for &(k, triangle) in touching {
+        let share = area * radii[k].powi(2) / sections;
+        out.add(k, points[k], share, field(&facets[triangle]) * share);
+    }
+    out
 }
 
 fn facet(t: &Triangle) -> SurfaceFacet<f64> {
@@ -284,4 +297,37 @@ fn cylinder(from: &Point3<f64>, length: f64, radius: f64) -> BTreeMap<String, Ve
         add(SIDE, &side);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Spheres of three sizes at the mantle of a cylinder under a pressure: each is pushed towards the axis, in
+    /// proportion to its section.
+    #[test]
+    fn a_pressure_on_a_mantle_pushes_each_sphere_along_its_own_normal() {
+        let mantle = cylinder(&Point3::origin(), 4.0, 2.0)
+            .remove(SIDE)
+            .expect("a mantle");
+        let facets: Vec<SurfaceFacet<f64>> = mantle.iter().map(facet).collect();
+        let faces = Faces::new(mantle);
+        let angles = [0.1, 1.3, 2.9, 4.0, 5.5];
+        let radii: Vec<f64> = (0..5).map(|k| 0.2 + 0.1 * f64::from(k % 3)).collect();
+        let place = |(a, r): (&f64, &f64)| {
+            let out = 2.0 - r;
+            Point3::new(1.0 + a / 3.0, out * a.cos(), out * a.sin())
+        };
+        let points: Vec<Point3<f64>> = angles.iter().zip(&radii).map(place).collect();
+        let touching: Vec<(usize, usize)> = (0..5).map(|k| (k, faces.nearest(&points[k]).0)).collect();
+        let pushed = distribute(&touching, (&points, &radii), &facets, &|f| f.normal * -3.0);
+        let sections: f64 = radii.iter().map(|r| r * r).sum();
+        for (k, carrier) in &pushed.0 {
+            let share = TAU * 2.0 * 4.0 * radii[*k].powi(2) / sections;
+            let inwards = -Vector3::new(0.0, angles[*k].cos(), angles[*k].sin());
+            let error = (carrier.force - inwards * 3.0 * share).norm() / (3.0 * share);
+            // Half a side of the polygon turns the normal by 1/80.
+            assert!(error < 0.03, "{k}: {error}");
+        }
+    }
 }
