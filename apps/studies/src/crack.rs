@@ -193,7 +193,8 @@ impl Slice {
 }
 
 /// Energy of the breaks between two places along the crack, as far as they lie at most 2.5 mean diameters
-/// beside the median of the breaks in the same part of about two diameters \[J\]: small branches are left out.
+/// beside the median of the breaks in the same part of about two diameters \[J\]: small branches are left
+/// out.
 #[must_use]
 pub fn released_beside(breaks: &[Broken], [from, to]: [f64; 2], diameter: f64) -> f64 {
     let count = ((to - from) / (2.0 * diameter)).ceil().max(1.0);

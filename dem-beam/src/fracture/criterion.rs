@@ -6,9 +6,10 @@ use crate::finite::{Deformed, Pose};
 use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
-/// Energy that bonds of [`BeamMaterial::SILICA`]'s radius ratio release per area of a crack in the body, over
-/// their strength as an energy per section. Other beams have it in proportion to their section: a crack breaks
-/// as many bonds. Measured on edge-cracked strips, the same for both energies: docs/calibration.md has the table.
+/// Energy that bonds of [`BeamMaterial::SILICA`]'s radius ratio release per area of a crack in the body,
+/// over their strength as an energy per section. Other beams have it in proportion to their section: a
+/// crack breaks as many bonds. Measured on edge-cracked strips, the same for both energies:
+/// docs/calibration.md has the table.
 const RELEASED_SHARE: f64 = 0.78;
 /// `κ` of a body's strength in tension `√(E G_c/(π κ d))`, where `d` is the mean diameter of the spheres:
 /// half the length of the crack that has this strength in a plate, in diameters. From the strength of plain

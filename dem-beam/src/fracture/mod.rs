@@ -89,8 +89,8 @@ impl Fracture {
     /// beams of this radius over the mean particle radius.
     ///
     /// # Errors
-    /// [`Error::StressCriterion`] for a criterion that compares stresses; [`Error::OutOfRange`] unless `gc` and
-    /// the ratio are positive.
+    /// [`Error::StressCriterion`] for a criterion that compares stresses; [`Error::OutOfRange`] unless `gc`
+    /// and the ratio are positive.
     pub fn from_fracture_energy(criterion: Criterion, gc: f64, radius_ratio: f64) -> Result<Self> {
         let criterion_name = criterion.name();
         let share = criterion

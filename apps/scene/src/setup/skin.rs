@@ -303,8 +303,8 @@ fn cylinder(from: &Point3<f64>, length: f64, radius: f64) -> BTreeMap<String, Ve
 mod tests {
     use super::*;
 
-    /// Spheres of three sizes at the mantle of a cylinder under a pressure: each is pushed towards the axis, in
-    /// proportion to its section.
+    /// Spheres of three sizes at the mantle of a cylinder under a pressure: each is pushed towards the
+    /// axis, in proportion to its section.
     #[test]
     fn a_pressure_on_a_mantle_pushes_each_sphere_along_its_own_normal() {
         let mantle = cylinder(&Point3::origin(), 4.0, 2.0)
