@@ -376,7 +376,6 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     }
     if let (Some(ratio), None, None) = (ratio_from_table(table), young, poisson) {
         let [low, high] = BeamMaterial::BULK_POISSON;
-        // Packings reach only a range of Poisson's ratios; warnings tell the rest.
         let nearest = ratio.clamp(low, high);
         return BeamMaterial::from_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
     }
@@ -401,9 +400,8 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     Ok(beam)
 }
 
-/// Poisson's ratio for which beams are chosen by the table of measured packings; `None` for the beams of
-/// 0.71 mean radii, whose packings have a ratio of 0.174. These beams stay where they fit within the scatter
-/// between packings: strengths and fracture energies are calibrated with them.
+/// Poisson's ratio for which beams are chosen by the table of measured packings; `None` where the beams of 0.71
+/// mean radii fit (0.174) within the scatter between packings: strengths are calibrated with them.
 fn ratio_from_table(table: &ModelTable) -> Option<f64> {
     let wanted = table.material.poisson;
     match table.shape {
