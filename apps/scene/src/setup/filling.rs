@@ -400,8 +400,8 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
     Ok(beam)
 }
 
-/// Poisson's ratio for which beams are chosen by the table of measured packings; `None` where the beams of 0.71
-/// mean radii fit (0.174) within the scatter between packings: strengths are calibrated with them.
+/// Poisson's ratio for which beams are chosen by the table of measured packings; `None` where the beams of
+/// 0.71 mean radii fit (0.174) within the scatter between packings: strengths are calibrated with them.
 fn ratio_from_table(table: &ModelTable) -> Option<f64> {
     let wanted = table.material.poisson;
     match table.shape {
