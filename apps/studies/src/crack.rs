@@ -289,9 +289,9 @@ mod tests {
         // 800 breaks (two at the same place) of a quarter each, over 50 by 2.
         let per_area = straight.released_per_area();
         assert!((per_area - 800.0 * 0.25 / 100.0).abs() < 0.02, "{per_area}");
-        // Two bonds per unit of area, between two places; small branches are left out.
+        // Sixteen bonds per unit of length, between two places; small branches are left out.
         let beside = released_beside(&breaks(999.0, 0.0), [60.0, 90.0], 0.5);
-        assert!((beside - 8.0 * 30.0 * 0.25).abs() < 1.0, "{beside}");
+        assert!((beside - 16.0 * 30.0 * 0.25).abs() < 1.0, "{beside}");
         let mut stray = breaks(999.0, 0.0);
         stray.push(Broken {
             place: [70.0, 2.0],
