@@ -3,7 +3,8 @@
 
 use crate::output::summary::OverlapBreak;
 use crate::setup;
-use crate::spec::{Effect, EffectKind, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::{Effect, EffectKind};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{CRACK, SharedLog, locked};
 
@@ -34,7 +35,7 @@ impl Crossing {
     /// Returns the messages about the step just made, and whether the scene ends the run there.
     pub(crate) fn watch(
         &mut self,
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
@@ -74,7 +75,7 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
 }
 
 /// Returns whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
-fn stops(scene: &SceneSpec, m: usize) -> bool {
+fn stops(scene: &LoweredScene, m: usize) -> bool {
     let stopping = |(k, e): (usize, &Effect)| {
         let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
         stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))

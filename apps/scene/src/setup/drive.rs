@@ -6,7 +6,8 @@ use super::names::{SOLID, effect_models, model_index, model_indices, parts, with
 use super::time::time_function;
 use super::{load, shared, support};
 use crate::error::{Result, core, key, value};
-use crate::spec::{Axis, Effect, EffectKind, Field, Initial, SceneSpec, Spin, Wave};
+use crate::setup::LoweredScene;
+use crate::spec::{Axis, Effect, EffectKind, Field, Initial, Spin, Wave};
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
@@ -31,7 +32,7 @@ pub(super) struct Attachments {
 impl Attachments {
     /// Builds supports, loads and effects of a scene.
     pub(super) fn from_scene(
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         bodies: &mut [Body],
         joints: &[BuiltInterface],
         folder: &Path,
@@ -141,7 +142,7 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
 }
 
 /// Initial displacements and velocities of model `m`.
-pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
+pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
     let (mut q, mut v) = (vec![0.0; layout.dofs()], vec![0.0; layout.dofs()]);
     for (k, i) in scene.initial.iter().enumerate() {

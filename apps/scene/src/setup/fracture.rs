@@ -3,7 +3,8 @@
 use super::filling::beam;
 use super::packing::Toughness;
 use crate::error::{Result, dem, key};
-use crate::spec::{self, CriterionKind, ModelTable};
+use crate::setup::LoweredModel;
+use crate::spec::{self, CriterionKind};
 use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
 use arlequin::dem_beam::{Criterion, Fracture, Scatter};
 
@@ -21,7 +22,7 @@ const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
 pub(super) fn fracture(
     path: &str,
     f: &spec::Fracture,
-    (name, model): (&str, &ModelTable),
+    (name, model): (&str, &LoweredModel),
 ) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
@@ -30,8 +31,14 @@ pub(super) fn fracture(
         (None, None) => Scatter::None,
     };
     let ratio = beam(name, model)?.radius_ratio;
+    let young = model.known_material(name)?.young;
     let base = match (f.gc, f.strength) {
-        (Some(gc), Some(strength)) => return Err(key(path, contradiction(f, [gc, strength, ratio], model))),
+        (Some(gc), Some(strength)) => {
+            return Err(key(
+                path,
+                contradiction(f, [gc, strength, ratio], (young, model.spacing)),
+            ));
+        }
         (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc, ratio).map_err(dem(path))?,
         (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
         (None, Some(_)) => {
@@ -67,7 +74,11 @@ fn criterion(f: &spec::Fracture) -> Criterion {
 }
 
 /// Describes what a fracture energy and a strength each imply, and when both hold.
-fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &ModelTable) -> String {
+fn contradiction(
+    f: &spec::Fracture,
+    [gc, strength, ratio]: [f64; 3],
+    (young, diameter): (f64, Option<f64>),
+) -> String {
     let criterion = criterion(f);
     let both = format!("gc = {gc:e} J/m2 and strength = {strength:e} exclude each other");
     if let (Some(_), Some(share)) = (f.criterion, criterion.released_share(ratio)) {
@@ -77,8 +88,7 @@ fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &Mo
             share * strength
         );
     }
-    let young = model.material.young;
-    let implied = model.spacing.map_or(String::new(), |d| {
+    let implied = diameter.map_or(String::new(), |d| {
         let body = tensile_strength(young, gc, d);
         format!("gc gives a body of spheres of {d:.3e} m a strength in tension of {body:.2e} Pa; ")
     });
@@ -100,11 +110,11 @@ fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &Mo
 
 /// Returns the strength in tension of a model with spheres of this mean diameter \[m\] that follows from the
 /// fracture energy, if one is given.
-pub(super) fn toughness(f: &spec::Fracture, model: &ModelTable, diameter: f64) -> Option<Toughness> {
+pub(super) fn toughness(f: &spec::Fracture, model: &LoweredModel, diameter: f64) -> Option<Toughness> {
     let gc = f.gc?;
     Some(Toughness {
         gc,
         diameter,
-        tensile_strength: tensile_strength(model.material.young, gc, diameter),
+        tensile_strength: tensile_strength(model.material?.young, gc, diameter),
     })
 }

@@ -6,7 +6,8 @@ use super::packing::PackingLine;
 use super::skin::Skin;
 use super::time::time_function;
 use crate::error::{Result, dem, key, value};
-use crate::spec::{self, Effect, EffectKind, LooseKind, ModelTable, ObstacleShape};
+use crate::setup::LoweredModel;
+use crate::spec::{self, Effect, EffectKind, LooseKind, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Motion, Obstacle, RigidShape};
@@ -15,11 +16,12 @@ use std::collections::BTreeMap;
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
 pub(super) fn build(
     mut model: DemModel,
-    (key, table): (&str, &ModelTable),
+    (key, table): (&str, &LoweredModel),
     effects: &[(usize, &Effect)],
     mut packing: PackingLine,
     skin: Skin,
 ) -> Result<(DemModel, Grains)> {
+    let young = table.known_material(key)?.young;
     let mut breaks = None;
     let mut brittle = false;
     for (k, e) in effects {
@@ -42,11 +44,11 @@ pub(super) fn build(
     for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
         if let EffectKind::Contact(c) = &e.kind {
             let path = format!("effect[{k}].contact");
-            let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
+            let contact = Contact::new(&model, law(young, c)).map_err(dem(&path))?;
             built.insert(*k, Box::new(contact));
         }
         if let EffectKind::Obstacle(o) = &e.kind {
-            built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
+            built.insert(*k, Box::new(obstacle(*k, o, &model, young, effects)?));
         }
     }
     let body = ContactBody::from_model(&model);
@@ -145,13 +147,13 @@ fn obstacle(
     k: usize,
     o: &spec::Obstacle,
     model: &DemModel,
-    table: &ModelTable,
+    young: f64,
     effects: &[(usize, &Effect)],
 ) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
     let name = o.ledger_name(k);
-    let law = law(table.material.young, &o.contact);
+    let law = law(young, &o.contact);
     let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
     if let Some(spin) = o.spin {
         obstacle = obstacle
@@ -168,7 +170,7 @@ fn obstacle(
 }
 
 /// Refuses loose grains without contact: they would pass through all bodies.
-pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
+pub(super) fn check_loose(path: &str, table: &LoweredModel, effects: &[(usize, &Effect)]) -> Result<()> {
     let touches = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::Contact(_));
     if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
         return Ok(());

@@ -7,7 +7,8 @@ use super::names::{effect_models, effects_by_model, model_index, model_indices};
 use super::shapes::ends;
 use super::{between, drive, fracture, grains, load, places, probe, select, statics, time};
 use crate::error::{Result, core, dem, key, unknown, value};
-use crate::spec::{Axis, Effect, EffectKind, ModelTable, Quantity, Reading, SceneSpec, Selection, Shape};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{Axis, Effect, EffectKind, Quantity, Reading, Selection};
 use arlequin::core::invalid;
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
@@ -21,7 +22,7 @@ pub(super) struct Checked<'a> {
 }
 
 /// Checks the tables of the models, each by itself.
-pub(super) fn models(scene: &SceneSpec, folder: &Path) -> Result<()> {
+pub(super) fn models(scene: &LoweredScene, folder: &Path) -> Result<()> {
     if scene.model.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
     }
@@ -34,7 +35,7 @@ pub(super) fn models(scene: &SceneSpec, folder: &Path) -> Result<()> {
 }
 
 /// Checks all other tables of a scene, whose models are checked.
-pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checked<'a>> {
+pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Checked<'a>> {
     let interfaces = scene.interface.iter();
     let interfaces = interfaces.map(|(name, table)| Plan::new(name, table, scene, folder));
     let interfaces = interfaces.collect::<Result<_>>()?;
@@ -58,7 +59,7 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
     Ok(Checked { effects, interfaces })
 }
 
-fn order<'a>(name: &'a str, key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Order<'a> {
+fn order<'a>(name: &'a str, key: &'a str, table: &'a LoweredModel, folder: &'a Path) -> Order<'a> {
     Order {
         name,
         key,
@@ -70,7 +71,7 @@ fn order<'a>(name: &'a str, key: &'a str, table: &'a ModelTable, folder: &'a Pat
 }
 
 /// Refuses a spacing larger than the body: the body would silently become one element.
-fn spacing(path: &str, table: &ModelTable) -> Result<()> {
+fn spacing(path: &str, table: &LoweredModel) -> Result<()> {
     let (Some(h), Some([low, high])) = (table.spacing, ends(&table.shape)) else {
         return Ok(());
     };
@@ -83,7 +84,7 @@ fn spacing(path: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Checks supports, loads and initial states.
-fn acting(scene: &SceneSpec) -> Result<()> {
+fn acting(scene: &LoweredScene) -> Result<()> {
     for (k, s) in scene.support.iter().enumerate() {
         let path = format!("support[{k}]");
         let table = model(&path, &s.model, scene)?;
@@ -124,7 +125,7 @@ fn headline(path: &str, name: Option<&str>) -> Result<()> {
 }
 
 /// Checks probes and curves.
-fn watched(scene: &SceneSpec) -> Result<()> {
+fn watched(scene: &LoweredScene) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
         if let Some(exerted_name) = &p.of {
@@ -172,14 +173,14 @@ fn watched(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-fn model<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<&'a ModelTable> {
+fn model<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<&'a LoweredModel> {
     model_index(&format!("{path}.model"), name, scene)?;
     Ok(&scene.model[name])
 }
 
 /// Refuses a direction in which a line model cannot move.
-fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -> Result<()> {
-    if matches!(table.shape, Shape::Bar { .. }) && axis != Axis::X {
+fn along(path: &str, axis: Axis, name: &str, table: &LoweredModel, remedy: &str) -> Result<()> {
+    if table.shape.is_line() && axis != Axis::X {
         return Err(key(
             path,
             format!("model '{name}' moves along x only; use {remedy}"),
@@ -189,7 +190,7 @@ fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -
 }
 
 /// Refuses a group that a generated shape does not have, and a box whose high corner is below its low corner.
-fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()> {
+fn selection(path: &str, selection: &Selection, table: &LoweredModel) -> Result<()> {
     let name = match selection {
         Selection::Box(low, high) => return select::check_box(path, low, high),
         Selection::Group(name) => name,
@@ -206,7 +207,7 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
 }
 
 /// Checks the numbers of an effect.
-fn effect(k: usize, e: &Effect, scene: &SceneSpec) -> Result<()> {
+fn effect(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
         EffectKind::Fracture(f) => {

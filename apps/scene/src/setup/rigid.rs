@@ -5,7 +5,8 @@ use super::mesh::Grid;
 use super::names::effect_models;
 use super::shapes::corners;
 use crate::error::Result;
-use crate::spec::{EffectKind, Obstacle, ObstacleShape, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::{EffectKind, Obstacle, ObstacleShape};
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use std::f64::consts::PI;
 
@@ -26,7 +27,7 @@ pub struct RigidPicture {
 }
 
 /// Rigid bodies of a scene, one for each model that they act on.
-pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
+pub(super) fn pictures(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let EffectKind::Obstacle(o) = &e.kind else {

@@ -10,8 +10,9 @@ use crate::setup::mesh::{self, Grid};
 use crate::setup::packing::PackingLine;
 use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
-use crate::setup::{grains, materials, notch};
-use crate::spec::{ModelTable, ParticleFieldKind, SceneSpec, Shape};
+use crate::setup::{BodyShape, grains, materials, notch};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
@@ -71,8 +72,8 @@ impl Interpolation<f64> for ParticlePoints {
 }
 
 /// Refuses keys that a packing does not use.
-fn unread(key: &str, table: &ModelTable) -> Result<()> {
-    let filed = matches!(table.shape, Shape::File(_));
+fn unread(key: &str, table: &LoweredModel) -> Result<()> {
+    let filed = table.shape.is_file();
     let of_vtu = table.dem.file.as_ref();
     let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
     let keys = [
@@ -104,7 +105,7 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Places an error about spheres too large for their body at the key that determines their size.
-fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+fn too_large(key: &str, table: &LoweredModel, e: Error) -> Error {
     match &e {
         Error::Dem {
             source: DemError::ContainerTooSmall { .. } | DemError::TooFewAcross { .. },
@@ -141,10 +142,10 @@ impl Kind for Dem {
     }
 
     /// Spheres have groups at the plane faces of a shape only.
-    fn groups(&self, shape: &Shape) -> Option<&'static [&'static str]> {
+    fn groups(&self, shape: &BodyShape) -> Option<&'static [&'static str]> {
         match shape {
-            Shape::Ball { .. } => Some(&[]),
-            Shape::Cylinder { .. } => Some(&["x-min", "x-max"]),
+            BodyShape::Given(Shape::Ball { .. }) => Some(&[]),
+            BodyShape::Given(Shape::Cylinder { .. }) => Some(&["x-min", "x-max"]),
             shape => mesh::groups(shape),
         }
     }
@@ -160,7 +161,7 @@ impl Kind for Dem {
         beam(key, table).map(|_| ())
     }
 
-    fn check_in(&self, _: &SceneSpec, order: &Order<'_>) -> Result<()> {
+    fn check_in(&self, _: &LoweredScene, order: &Order<'_>) -> Result<()> {
         grains::check_loose(order.key, order.table, order.effects)?;
         grains::check_single(order.name, order.effects)
     }
@@ -176,6 +177,7 @@ impl Kind for Dem {
         } = *order;
         clock.begin(format!("packing of '{name}'"));
         grains::check_loose(key, table, effects)?;
+        let given = table.known_material(key)?;
         let filling = Filling::from_table(key, table, folder)?;
         let recipe = Recipe::from_table(key, table, folder, &filling)?;
         let built = recipe.packing(key, &mut |share| clock.progress(share));
@@ -183,12 +185,12 @@ impl Kind for Dem {
         clock.begin(format!("model of '{name}'"));
         packing.positions.iter_mut().for_each(|x| *x += filling.shift);
         let make = |packing: &Packing, beam| {
-            let model = DemModel::new(name, packing, beam, table.material.density).map_err(dem(key))?;
+            let model = DemModel::new(name, packing, beam, given.density).map_err(dem(key))?;
             graded(key, table, &filling, model)
         };
         let mut beam = beam(key, table)?;
         let mut likeness = None;
-        if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
+        if let (BodyShape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
             && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
         {
             // Beams that the scene gives are measured but not changed.
@@ -203,7 +205,7 @@ impl Kind for Dem {
         // The body's elements have no notch, so the packing is measured before it gets one.
         let knives = notch::knives(key, &table.dem.notch, folder)?;
         notch::cut(&knives, &Vector3::zeros(), &mut packing)?;
-        let line = PackingLine::from_packing(&packing, table.material.density, likeness);
+        let line = PackingLine::from_packing(&packing, given.density, likeness);
         let mut warnings = line.warnings();
         warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
         warnings.extend(unlike_its_material(table, &beam));
@@ -243,7 +245,7 @@ impl Kind for Dem {
         };
         let radii = model.body().radii();
         let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
-        let material = materials::elastic(key, &table.material)?;
+        let material = materials::elastic(key, given)?;
         Ok(Body {
             groups: groups(&model, &table.shape, &filling),
             field,
@@ -263,13 +265,13 @@ impl Kind for Dem {
 }
 
 /// Gives each particle the material of the volume it lies in, if the table has materials for volumes.
-fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
+fn graded(key: &str, table: &LoweredModel, filling: &Filling, model: DemModel) -> Result<DemModel> {
     let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
         return Ok(model);
     };
     let materials = materials::element_materials(key, table, mesh)?;
     let field = FemField::new(mesh.clone());
-    let main = table.material;
+    let main = table.known_material(key)?;
     let grades = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
         // The centre lies outside the mesh: packing has pushed it through a facet.
         None => [1.0; 2],
@@ -280,25 +282,25 @@ fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> 
 
 /// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
 /// file.
-fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
+fn groups(model: &DemModel, shape: &BodyShape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
     let mut layer = |name: &str, point: Point3<f64>, normal: Vector3<f64>| {
         out.insert(name.to_owned(), model.clamp_layer(&point, &normal));
     };
     match *shape {
-        Shape::Box { low, high, .. } => {
+        BodyShape::Given(Shape::Box { low, high, .. }) => {
             let axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())];
             for (name, axis) in axes {
                 layer(&format!("{name}-min"), Point3::from(low), -axis);
                 layer(&format!("{name}-max"), Point3::from(high), axis);
             }
         }
-        Shape::Cylinder { from, length, .. } => {
+        BodyShape::Given(Shape::Cylinder { from, length, .. }) => {
             layer("x-min", Point3::from(from), -Vector3::x());
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
-        Shape::Bar { .. } | Shape::Ball { .. } | Shape::Linked => {}
-        Shape::File(_) | Shape::Piece(_) => {
+        BodyShape::Given(Shape::Bar { .. } | Shape::Ball { .. }) | BodyShape::Remote => {}
+        BodyShape::Given(Shape::File(_)) | BodyShape::Piece(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));
         }

@@ -5,7 +5,8 @@ use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::Grid;
-use crate::spec::{ModelTable, SceneSpec, Shape};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene};
+use crate::spec::Shape;
 use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{self as arlequin_core, Interpolation, Outline, Participant, ParticleField};
@@ -54,7 +55,7 @@ impl Kind for Link {
     }
 
     /// Refuses `[wake]` and `[static]`.
-    fn check_in(&self, scene: &SceneSpec, order: &Order<'_>) -> Result<()> {
+    fn check_in(&self, scene: &LoweredScene, order: &Order<'_>) -> Result<()> {
         let table = match (&scene.wake, &scene.statics) {
             (Some(_), _) => "wake",
             (None, Some(_)) => "static",
@@ -73,7 +74,7 @@ impl Kind for Link {
 }
 
 /// Describes the program that a link starts or the address at which it waits.
-pub(crate) fn link_of(table: &ModelTable) -> String {
+pub(crate) fn link_of(table: &LoweredModel) -> String {
     let command = table.command.as_deref().map(arlequin_link::shown);
     match (command, &table.address) {
         (Some(command), _) => format!("starts {command}"),
@@ -83,7 +84,7 @@ pub(crate) fn link_of(table: &ModelTable) -> String {
 }
 
 /// Refuses keys of a link in other kinds of models.
-pub(super) fn check_keys(path: &str, table: &ModelTable) -> Result<()> {
+pub(super) fn check_keys(path: &str, table: &LoweredModel) -> Result<()> {
     let link_keys = [
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
@@ -97,11 +98,10 @@ pub(super) fn check_keys(path: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Refuses keys that only other kinds have, and a link without exactly one end.
-fn check(path: &str, table: &ModelTable) -> Result<()> {
+fn check(path: &str, table: &LoweredModel) -> Result<()> {
     let of_others = [
-        ("shape", !matches!(table.shape, Shape::Linked)),
-        // Without a material in the table, Young's modulus is NaN.
-        ("material", !table.material.young.is_nan()),
+        ("shape", table.shape.given().is_some()),
+        ("material", table.material.is_some()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),
         ("scale", (table.scale - 1.0).abs() > 0.0),
@@ -136,7 +136,7 @@ fn check(path: &str, table: &ModelTable) -> Result<()> {
     Ok(())
 }
 
-fn address(path: &str, table: &ModelTable) -> Result<Address> {
+fn address(path: &str, table: &LoweredModel) -> Result<Address> {
     let text = table.address.as_deref().unwrap_or_default();
     text.parse().map_err(|e: arlequin_link::Error| {
         let rule = match e {
@@ -148,7 +148,7 @@ fn address(path: &str, table: &ModelTable) -> Result<Address> {
 }
 
 /// Starts or awaits the external solver and builds a body from the description it sends.
-fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+fn body(name: &str, path: &str, table: &LoweredModel, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);
@@ -183,7 +183,7 @@ fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Bod
         boundary: Vec::new(),
         material: None,
         materials: None,
-        shape,
+        shape: BodyShape::Given(shape),
         grains: None,
         warnings: Vec::new(),
         solver: Some(Box::new(solver)),
