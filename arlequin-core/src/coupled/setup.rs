@@ -174,10 +174,8 @@ impl<T: Real> Coupled<T> {
             start: start.as_f64(),
             end: end.map(|t| t.as_f64()),
         };
-        built
-            .iter()
-            .try_for_each(|i| motions::check(i, &subdomains, span))?;
         for i in &mut built {
+            motions::check(i, &subdomains, span)?;
             let warning = motions::one_sided(i, &subdomains);
             i.report.warnings.extend(warning);
         }
@@ -192,13 +190,12 @@ impl<T: Real> Coupled<T> {
         // Pair effects must know which nodes the interfaces tie.
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         // Effects are attached by now: they shorten critical steps.
-        let (mut critical, mut bounded) = (Vec::new(), Vec::new());
-        for (k, s) in subdomains.iter_mut().enumerate() {
+        let steps = subdomains.iter_mut().enumerate().map(|(k, s)| {
             let asked = pace::asked(step, s.step_choice());
-            let (longest, is_bound) = s.critical_step(&pairs::demands(&pairs, k), asked)?;
-            critical.push(longest);
-            bounded.push(is_bound);
-        }
+            s.critical_step(&pairs::demands(&pairs, k), asked)
+        });
+        let steps: Vec<(T, bool)> = steps.collect::<Result<_>>()?;
+        let (critical, bounded): (Vec<T>, Vec<bool>) = steps.into_iter().unzip();
         let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
         let lockstep = Lockstep::groups(subdomains.len(), &between);
         let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;

@@ -419,17 +419,34 @@ fn block<T: Real>(
                 .flatten(),
         });
     }
-    // Dependent and few: eigenmodes treat all multipliers alike, where a pivoted factor would keep a subset.
-    let analysis = rank::resolve_modes(&scaled, tolerance, per_node)?;
+    let modes = modes_outcome(&scaled, scale, tolerance, per_node)?;
+    Ok(match chosen {
+        true => Outcome {
+            block: diagonal,
+            exact: false,
+            ..modes
+        },
+        false => modes,
+    })
+}
+
+/// Solves a block of dependent and few multipliers by its eigenmodes, which treat all multipliers alike, where a
+/// pivoted factor would keep a subset.
+fn modes_outcome<T: Real>(
+    scaled: &CsMat<T>,
+    scale: Vec<T>,
+    tolerance: T,
+    per_node: usize,
+) -> Result<Outcome<T>> {
+    let analysis = rank::resolve_modes(scaled, tolerance, per_node)?;
     let [low, high] = analysis.range;
-    let modes = Block::Modes {
-        scale,
-        modes: analysis.modes,
-        work: vec![T::zero(); scaled.rows()],
-    };
     Ok(Outcome {
-        block: if chosen { diagonal } else { modes },
-        exact: !chosen,
+        block: Block::Modes {
+            scale,
+            modes: analysis.modes,
+            work: vec![T::zero(); scaled.rows()],
+        },
+        exact: true,
         condition: if low > T::zero() { high / low } else { T::one() },
         at_least: false,
         range: [low, high].map(T::as_f64),

@@ -6,8 +6,7 @@
 use crate::error::{Error, Result, core, key, value};
 use crate::run::PhaseClock;
 use crate::scene::Scene;
-use crate::setup::LoweredScene;
-use crate::setup::{self, Built, Readings};
+use crate::setup::{self, Built, LoweredScene, Readings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -114,11 +114,13 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     if !e.enabled {
         return Ok(None);
     }
-    if let Some(simple) = simple_effect(k, e)? {
-        return Ok(Some(simple));
-    }
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
+        EffectKind::BodyForce(_)
+        | EffectKind::MassDamping(_)
+        | EffectKind::StiffnessDamping(_)
+        | EffectKind::LocalDamping(_)
+        | EffectKind::Prestress(_) => simple_effect(k, e),
         EffectKind::BulkViscosity(b) => {
             if body.model.layout().components != 3 {
                 let rule = format!("needs {SOLID}, which model '{}' is not", body.model.name());
@@ -134,10 +136,12 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
             Ok(Some(Box::new(viscosity)))
         }
         EffectKind::Fracture(_) => Ok(None),
-        _ => match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
-            None => Err(key(path, "is made for no model; remove it")),
-            effect => Ok(effect),
-        },
+        EffectKind::Contact(_) | EffectKind::Obstacle(_) => {
+            match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
+                None => Err(key(path, "is made for no model; remove it")),
+                effect => Ok(effect),
+            }
+        }
     }
 }
 

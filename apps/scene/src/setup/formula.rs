@@ -368,7 +368,13 @@ pub(super) fn with_tables(scene: &LoweredScene, folder: &Path) -> Result<Lowered
                 }
             }
             EffectKind::BodyForce(b) => read(format!("effect[{k}].body_force.time"), &mut b.time)?,
-            _ => {}
+            EffectKind::MassDamping(_)
+            | EffectKind::StiffnessDamping(_)
+            | EffectKind::LocalDamping(_)
+            | EffectKind::BulkViscosity(_)
+            | EffectKind::Prestress(_)
+            | EffectKind::Fracture(_)
+            | EffectKind::Contact(_) => {}
         }
     }
     Ok(out)

@@ -1,7 +1,7 @@
 //! Features that only particles have: bonds that break, contact, obstacles.
 
 use super::body::Grains;
-use super::fracture::{fracture, toughness};
+use super::fracture;
 use super::packing::PackingLine;
 use super::skin::Skin;
 use super::time::time_function;
@@ -15,31 +15,14 @@ use std::collections::BTreeMap;
 
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
 pub(super) fn build(
-    mut model: DemModel,
+    model: DemModel,
     (key, table): (&str, &LoweredModel),
     effects: &[(usize, &Effect)],
     mut packing: PackingLine,
     skin: Skin,
 ) -> Result<(DemModel, Grains)> {
     let young = table.known_material(key)?.young;
-    let mut breaks = None;
-    let mut brittle = false;
-    for (k, e) in effects {
-        let EffectKind::Fracture(f) = &e.kind else {
-            continue;
-        };
-        brittle = true;
-        let path = format!("effect[{k}].fracture");
-        let spec = fracture(&path, f, (key, table))?;
-        packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
-        // With fracture off, the strengths only serve the warning that bonds would break.
-        if !e.enabled {
-            model = model.with_watched_strength(spec).map_err(dem(&path))?;
-        } else {
-            model = model.with_fracture(spec).map_err(dem(&path))?;
-            breaks = Some(model.break_log());
-        }
-    }
+    let (model, breaking) = fracture::apply(model, (key, table), effects, &mut packing)?;
     let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
     for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
         if let EffectKind::Contact(c) = &e.kind {
@@ -56,8 +39,8 @@ pub(super) fn build(
         model,
         Grains {
             effects: built,
-            breaks,
-            brittle,
+            breaks: breaking.log,
+            brittle: breaking.brittle,
             body,
             packing,
             skin,

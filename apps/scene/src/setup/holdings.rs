@@ -73,7 +73,7 @@ fn whole(scene: &LoweredScene, m: usize, body: &Body) -> Option<String> {
             | EffectKind::Fracture(_)
             | EffectKind::Obstacle(_) => true,
             EffectKind::Contact(_) if !between => true,
-            _ => !e.enabled,
+            EffectKind::BulkViscosity(_) | EffectKind::Contact(_) => !e.enabled,
         };
         if acts && !works {
             return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));

@@ -41,6 +41,9 @@ pub(crate) enum Feature {
     Partition,
 }
 
+/// Refusal of kinds that cannot be partitioned.
+pub(crate) const WHOLE: &str = "only bodies of particles, of finite and of natural elements go in parts";
+
 /// A kind of model.
 pub(crate) trait Kind: Sync {
     /// Name in a scene.

@@ -6,7 +6,9 @@ use super::materials::solid_poisson;
 use crate::error::{Result, fem, unknown, value};
 use crate::setup::{BodyShape, LoweredModel};
 use crate::spec::{Element, Hole, Shape};
+use arlequin::core::Model;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::DemModel;
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::path::Path;
@@ -53,6 +55,18 @@ impl Grid {
             corners: 2,
             cell_type: 3,
             radii: Vec::new(),
+        }
+    }
+
+    /// Output mesh of particles, joined by their bonds.
+    pub fn of_spheres(model: &DemModel) -> Self {
+        let body = model.body();
+        Self {
+            points: model.nodes().to_vec(),
+            connectivity: body.pairs().iter().flatten().copied().collect(),
+            corners: 2,
+            cell_type: 3,
+            radii: body.radii().to_vec(),
         }
     }
 

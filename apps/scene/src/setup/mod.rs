@@ -51,6 +51,7 @@ pub use bounds::Bounds;
 pub use built::{Built, ModelInfo, Start};
 pub use clock::PhaseTime;
 pub(crate) use files::text;
+pub(crate) use fracture::stops_at_overlap;
 pub(crate) use grains::obstacle_parts;
 pub(crate) use interface::stations;
 pub(crate) use kind::Feature;
@@ -133,12 +134,7 @@ pub(crate) fn build_from(
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
     let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
-    let mut subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
-    if let Some(c) = ranks.communicator() {
-        let shared =
-            |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
-        subdomains = subdomains.into_iter().zip(&holdings).map(shared).collect();
-    }
+    let subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
     let end = match &load_steps {
         Some(s) => s.times.last().copied(),
         None => scene.time.end,
@@ -146,21 +142,11 @@ pub(crate) fn build_from(
     let parts = Parts {
         start: begin,
         end,
-        subdomains,
+        subdomains: shared_out(subdomains, &holdings, ranks),
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
-    let names = [
-        scene.model.keys().cloned().collect(),
-        scene.interface.keys().cloned().collect(),
-    ];
-    let mut last_phase = SetupPhase::Start;
-    let mut announce_phase = |phase| {
-        last_phase = phase;
-        clock.begin(clock::name(phase, &names));
-    };
-    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
-    let mut run = run.map_err(|e| origin::in_phase(scene, last_phase, e))?;
+    let mut run = coupled(scene, parts, &mut clock)?;
     if load_steps.is_some() {
         run.check_rest().map_err(core("static"))?;
     }
@@ -196,6 +182,30 @@ pub(crate) fn build_from(
     built.warnings.extend(odd);
     built.phases = clock.finish();
     Ok(built)
+}
+
+/// Marks the models that are distributed over the ranks.
+fn shared_out(subdomains: Vec<Subdomain<f64>>, holdings: &[RankLine], ranks: &Ranks) -> Vec<Subdomain<f64>> {
+    let Some(c) = ranks.communicator() else {
+        return subdomains;
+    };
+    let shared = |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
+    subdomains.into_iter().zip(holdings).map(shared).collect()
+}
+
+/// Couples the models; errors get the key of what the core worked on.
+fn coupled(scene: &LoweredScene, parts: Parts<f64>, clock: &mut SetupClock<'_>) -> Result<Coupled<f64>> {
+    let names = [
+        scene.model.keys().cloned().collect(),
+        scene.interface.keys().cloned().collect(),
+    ];
+    let mut last_phase = SetupPhase::Start;
+    let mut announce_phase = |phase| {
+        last_phase = phase;
+        clock.begin(clock::name(phase, &names));
+    };
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
+    run.map_err(|e| origin::in_phase(scene, last_phase, e))
 }
 
 /// Bounds of a plausible motion of each model, and the warnings about bodies and interfaces.

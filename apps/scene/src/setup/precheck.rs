@@ -3,7 +3,7 @@
 use super::interface::Plan;
 use super::kind::Order;
 use super::kinds::{self, kind};
-use super::names::{effect_models, effects_by_model, model_index, model_indices};
+use super::names::{effects_by_model, model_index, model_indices};
 use super::shapes::ends;
 use super::{between, drive, fracture, grains, load, places, probe, select, statics, time};
 use crate::error::{Result, core, dem, key, unknown, value};
@@ -210,13 +210,7 @@ fn selection(path: &str, selection: &Selection, table: &LoweredModel) -> Result<
 fn effect(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
-        EffectKind::Fracture(f) => {
-            let models = effect_models(k, e, scene)?;
-            let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
-            tables.try_for_each(|(_, (name, table))| {
-                fracture::fracture(&path, f, (&format!("model.{name}"), table)).map(|_| ())
-            })
-        }
+        EffectKind::Fracture(f) => fracture::check(k, e, f, scene),
         // Any modulus: only the other numbers are checked.
         EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
         EffectKind::Obstacle(o) => {
@@ -230,6 +224,11 @@ fn effect(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
             let wrong = invalid("bulk viscosity coefficient", b.coefficient, rule);
             Err(core(format!("{path}.coefficient"))(wrong))
         }
-        _ => drive::simple_effect(k, e).map(|_| ()),
+        EffectKind::BodyForce(_)
+        | EffectKind::MassDamping(_)
+        | EffectKind::StiffnessDamping(_)
+        | EffectKind::LocalDamping(_)
+        | EffectKind::BulkViscosity(_)
+        | EffectKind::Prestress(_) => drive::simple_effect(k, e).map(|_| ()),
     }
 }

@@ -3,10 +3,8 @@
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown};
 use crate::scene::{Scene, Source};
-use crate::setup;
 use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
-use crate::setup::{BodyShape, Knife, cut, knives};
-use crate::setup::{LoweredModel, LoweredScene};
+use crate::setup::{self, BodyShape, Knife, LoweredModel, LoweredScene, cut, knives};
 use crate::spec::{DemTable, LooseKind, Material, ModelKind, Shape};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::calibrate::Bar;

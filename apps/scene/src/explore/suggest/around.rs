@@ -6,8 +6,7 @@
 use super::mesher::{Frame, Mesher};
 use super::scenario::{OverlapKind, Scenario, length_ratio};
 use crate::error::{Result, core, key, value};
-use crate::setup::{self, Built};
-use crate::setup::{LoweredInterface, LoweredModel, LoweredScene};
+use crate::setup::{self, Built, LoweredInterface, LoweredModel, LoweredScene};
 use crate::spec::{RegionShape, Shape};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Subdomain, Uniform};

@@ -12,8 +12,7 @@ mod surface;
 
 use crate::error::{Result, core};
 use crate::ranks::Ranks;
-use crate::setup::LoweredScene;
-use crate::setup::{self, Grid, ModelInfo};
+use crate::setup::{self, Grid, LoweredScene, ModelInfo};
 use crate::spec::{Effect, EffectKind};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};

@@ -2,8 +2,7 @@
 
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
-use crate::setup::{LoweredModel, LoweredScene};
-use crate::setup::{acts, effect_models};
+use crate::setup::{LoweredModel, LoweredScene, acts, effect_models};
 use crate::spec::{Bearer, Effect, EffectKind, Near, Scheme, StepChoice, Wake};
 
 /// Applies the assignments of `[wake]`, and removes the sleeping model with its interfaces, probes and

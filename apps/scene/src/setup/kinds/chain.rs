@@ -3,7 +3,7 @@
 use crate::error::{Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
-use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::kind::{Feature, Kind, Order, WHOLE};
 use crate::setup::materials::elastic;
 use crate::setup::mesh::{self, Grid};
 use crate::setup::{BodyShape, LoweredModel};
@@ -34,9 +34,7 @@ impl Kind for Chain {
             Feature::Crack => Some("a chain that is cut is two chains; write two models"),
             Feature::CoarseSide => Some("is discrete and can only be fine; put a fem model between"),
             Feature::Zone => Some("a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\""),
-            Feature::Partition => {
-                Some("only bodies of particles, of finite and of natural elements go in parts")
-            }
+            Feature::Partition => Some(WHOLE),
             Feature::Volumes => None,
         }
     }

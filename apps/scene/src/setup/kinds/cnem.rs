@@ -1,12 +1,11 @@
 //! `kind = "cnem"`: natural elements on the nodes of a mesh.
 
 use crate::error::{Result, cnem as natural, fem, value};
-use crate::setup::LoweredModel;
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{Elements, Grid, Request};
-use crate::setup::{materials, slit};
+use crate::setup::{LoweredModel, materials, slit};
 use crate::spec::{CnemTable, Functions, Masses};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;

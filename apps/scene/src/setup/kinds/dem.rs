@@ -7,18 +7,17 @@ use crate::setup::files::is;
 use crate::setup::filling::{Filling, Recipe, beam, beyond_the_table, unlike_its_material, unlike_the_body};
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{self, Grid};
-use crate::setup::packing::PackingLine;
+use crate::setup::packing::{Likeness, PackingLine};
 use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
-use crate::setup::{BodyShape, grains, materials, notch};
-use crate::setup::{LoweredModel, LoweredScene};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene, grains, materials, notch};
 use crate::spec::{ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
-use arlequin::dem_beam::{DemModel, Error as DemError, Packing};
+use arlequin::dem_beam::{BeamMaterial, DemModel, Error as DemError, Packing};
 use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -173,7 +172,7 @@ impl Kind for Dem {
             table,
             folder,
             effects,
-            supports,
+            ..
         } = *order;
         clock.begin(format!("packing of '{name}'"));
         grains::check_loose(key, table, effects)?;
@@ -188,20 +187,7 @@ impl Kind for Dem {
             let model = DemModel::new(name, packing, beam, given.density).map_err(dem(key))?;
             graded(key, table, &filling, model)
         };
-        let mut beam = beam(key, table)?;
-        let mut likeness = None;
-        if let (BodyShape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
-            && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
-        {
-            // Beams that the scene gives are measured but not changed.
-            let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
-            let group = |model: &DemModel, name: &str| {
-                let mut named = groups(model, &table.shape, &filling);
-                named.remove(name)
-            };
-            likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
-            beam.young *= likeness.map_or(1.0, |l| l.beams);
-        }
+        let (beam, likeness) = fitted(order, &filling, &|beam| make(&packing, beam))?;
         // The body's elements have no notch, so the packing is measured before it gets one.
         let knives = notch::knives(key, &table.dem.notch, folder)?;
         notch::cut(&knives, &Vector3::zeros(), &mut packing)?;
@@ -235,14 +221,7 @@ impl Kind for Dem {
                 particles: model.particle_field(),
             }),
         };
-        let bonds = model.body().pairs();
-        let grid = Grid {
-            points: model.nodes().to_vec(),
-            connectivity: bonds.iter().flatten().copied().collect(),
-            corners: 2,
-            cell_type: 3,
-            radii: model.body().radii().to_vec(),
-        };
+        let grid = Grid::of_spheres(&model);
         let radii = model.body().radii();
         let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
         let material = materials::elastic(key, given)?;
@@ -262,6 +241,28 @@ impl Kind for Dem {
             solver: None,
         })
     }
+}
+
+/// Beams of a packing, in a zone fitted to the body's elements there, and what was measured of them.
+fn fitted(
+    order: &Order<'_>,
+    filling: &Filling,
+    make: &dyn Fn(BeamMaterial) -> Result<DemModel>,
+) -> Result<(BeamMaterial, Option<Likeness>)> {
+    let Order { key, table, .. } = *order;
+    let mut beam = beam(key, table)?;
+    let (BodyShape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh) else {
+        return Ok((beam, None));
+    };
+    let Some(twin) = Twin::new(key, table, mesh, (piece, order.supports, order.folder))? else {
+        return Ok((beam, None));
+    };
+    // Beams that the scene gives are measured but not changed.
+    let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
+    let group = |model: &DemModel, name: &str| groups(model, &table.shape, filling).remove(name);
+    let likeness = twin.likeness(make(beam)?, chosen, &group)?;
+    beam.young *= likeness.map_or(1.0, |l| l.beams);
+    Ok((beam, likeness))
 }
 
 /// Gives each particle the material of the volume it lies in, if the table has materials for volumes.

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, core, fem, key, value};
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
-use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::kind::{Feature, Kind, Order, WHOLE};
 use crate::setup::mesh::Grid;
 use crate::setup::{BodyShape, LoweredModel, LoweredScene};
 use crate::spec::Shape;
@@ -43,9 +43,7 @@ impl Kind for Link {
             Feature::Zone => Some(
                 "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]",
             ),
-            Feature::Partition => {
-                Some("only bodies of particles, of finite and of natural elements go in parts")
-            }
+            Feature::Partition => Some(WHOLE),
             Feature::Volumes | Feature::CoarseSide => None,
         }
     }

@@ -3,10 +3,9 @@
 
 use super::rules::axis;
 use crate::error::{Result, core, key, unknown, value};
-use crate::setup::LoweredScene;
 use crate::setup::body::Body;
 use crate::setup::names::{contact_sides, effect_models, model_index, parts};
-use crate::setup::{load, select};
+use crate::setup::{LoweredScene, load, select};
 use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, Selection};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
@@ -82,8 +81,17 @@ fn effect_name(k: usize, e: &Effect) -> Option<String> {
     match (&e.kind, &e.between) {
         (EffectKind::Fracture(_), _) => None,
         (EffectKind::Obstacle(o), _) => Some(o.ledger_name(k)),
-        (_, Some(between)) => Some(format!("contact {}", between.join("-"))),
-        _ => Some(e.kind.key().replace('_', "-")),
+        (EffectKind::Contact(_), Some(between)) => Some(format!("contact {}", between.join("-"))),
+        (
+            EffectKind::BodyForce(_)
+            | EffectKind::MassDamping(_)
+            | EffectKind::StiffnessDamping(_)
+            | EffectKind::LocalDamping(_)
+            | EffectKind::BulkViscosity(_)
+            | EffectKind::Prestress(_)
+            | EffectKind::Contact(_),
+            _,
+        ) => Some(e.kind.key().replace('_', "-")),
     }
 }
 

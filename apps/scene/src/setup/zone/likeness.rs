@@ -9,11 +9,10 @@
 
 use super::Piece;
 use crate::error::{Result, core, dem, fem};
-use crate::setup::LoweredModel;
 use crate::setup::faces::{Faces, corners_of};
-use crate::setup::materials;
 use crate::setup::packing::Likeness;
 use crate::setup::select::{inside, slack};
+use crate::setup::{LoweredModel, materials};
 use crate::spec::{Axis, Selection, Support};
 use arlequin::core::adjacency::Adjacency;
 use arlequin::core::geometry::Cell;
