@@ -3,7 +3,7 @@
 use super::files;
 use crate::error::{Error, Result, key, value};
 use crate::setup::LoweredScene;
-use crate::spec::{EffectKind, TimeShape};
+use crate::spec::TimeShape;
 use arlequin::core::Formula;
 use std::path::Path;
 
@@ -361,20 +361,9 @@ pub(super) fn with_tables(scene: &LoweredScene, folder: &Path) -> Result<Lowered
         read(format!("load[{k}].time"), &mut l.time)?;
     }
     for (k, e) in out.effect.iter_mut().enumerate() {
-        match &mut e.kind {
-            EffectKind::Obstacle(o) => {
-                if let Some(m) = &mut o.displacement {
-                    read(format!("effect[{k}].obstacle.displacement.time"), &mut m.time)?;
-                }
-            }
-            EffectKind::BodyForce(b) => read(format!("effect[{k}].body_force.time"), &mut b.time)?,
-            EffectKind::MassDamping(_)
-            | EffectKind::StiffnessDamping(_)
-            | EffectKind::LocalDamping(_)
-            | EffectKind::BulkViscosity(_)
-            | EffectKind::Prestress(_)
-            | EffectKind::Fracture(_)
-            | EffectKind::Contact(_) => {}
+        let path = format!("effect[{k}].{}", e.kind.key());
+        if let Some((name, time)) = e.kind.time_mut() {
+            read(format!("{path}.{name}"), time)?;
         }
     }
     Ok(out)

@@ -7,7 +7,7 @@
 use super::{Body, Feature, effect_models, kind};
 use crate::ranks::RankLine;
 use crate::setup::{LoweredInterface, LoweredScene};
-use crate::spec::{EffectKind, Scheme};
+use crate::spec::Scheme;
 use arlequin::core::ranks::UNIT;
 
 /// Distribution of each model of a scene over the ranks; empty for a single rank.
@@ -64,17 +64,8 @@ fn whole(scene: &LoweredScene, m: usize, body: &Body) -> Option<String> {
     for (k, e) in scene.effect.iter().enumerate() {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
-        let works = match e.kind {
-            EffectKind::BodyForce(_)
-            | EffectKind::MassDamping(_)
-            | EffectKind::StiffnessDamping(_)
-            | EffectKind::LocalDamping(_)
-            | EffectKind::Prestress(_)
-            | EffectKind::Fracture(_)
-            | EffectKind::Obstacle(_) => true,
-            EffectKind::Contact(_) if !between => true,
-            EffectKind::BulkViscosity(_) | EffectKind::Contact(_) => !e.enabled,
-        };
+        // Contact between two models needs both whole.
+        let works = !e.enabled || e.kind.works_in_parts() && !between;
         if acts && !works {
             return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));
         }

@@ -195,3 +195,14 @@ pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<u
     }
     Ok(fitting)
 }
+
+/// Refuses a name that would break the header of output tables.
+pub(super) fn headline(path: &str, name: Option<&str>) -> Result<()> {
+    match name {
+        Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
+            let rule = "stands at the head of tables with commas; take letters, digits, spaces, - and _";
+            Err(value(format!("{path}.name"), format_args!("{n:?}"), rule))
+        }
+        _ => Ok(()),
+    }
+}

@@ -3,13 +3,12 @@
 use super::interface::Plan;
 use super::kind::Order;
 use super::kinds::{self, kind};
-use super::names::{effects_by_model, model_index, model_indices};
+use super::names::{effects_by_model, headline, model_index, model_indices};
 use super::shapes::ends;
-use super::{between, drive, fracture, grains, load, places, probe, select, statics, time};
-use crate::error::{Result, core, dem, key, unknown, value};
+use super::{between, drive, load, places, probe, select, statics, time};
+use crate::error::{Result, key, unknown, value};
 use crate::setup::{LoweredModel, LoweredScene};
-use crate::spec::{Axis, Effect, EffectKind, Quantity, Reading, Selection};
-use arlequin::core::invalid;
+use crate::spec::{Axis, Effect, Quantity, Reading, Selection};
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
@@ -50,7 +49,7 @@ pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Che
     }
     between::touching(scene)?;
     for (k, e) in scene.effect.iter().enumerate() {
-        effect(k, e, scene)?;
+        drive::check(k, e, scene)?;
     }
     acting(scene)?;
     watched(scene)?;
@@ -111,17 +110,6 @@ fn acting(scene: &LoweredScene) -> Result<()> {
         model_indices(&path, i.models.as_deref(), scene)?;
     }
     Ok(())
-}
-
-/// Refuses a name that would break the header of output tables.
-fn headline(path: &str, name: Option<&str>) -> Result<()> {
-    match name {
-        Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
-            let rule = "stands at the head of tables with commas; take letters, digits, spaces, - and _";
-            Err(value(format!("{path}.name"), format_args!("{n:?}"), rule))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Checks probes and curves.
@@ -204,31 +192,4 @@ fn selection(path: &str, selection: &Selection, table: &LoweredModel) -> Result<
     let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
     groups.sort();
     Err(unknown(path, name, "group of the model", groups.iter()))
-}
-
-/// Checks the numbers of an effect.
-fn effect(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
-    let path = format!("effect[{k}].{}", e.kind.key());
-    match &e.kind {
-        EffectKind::Fracture(f) => fracture::check(k, e, f, scene),
-        // Any modulus: only the other numbers are checked.
-        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
-        EffectKind::Obstacle(o) => {
-            headline(&path, o.name.as_deref())?;
-            grains::obstacle_parts(k, o)?;
-            let law = grains::law(1.0, &o.contact);
-            law.check().map_err(dem(format!("{path}.contact")))
-        }
-        EffectKind::BulkViscosity(b) if b.coefficient < 0.0 => {
-            let rule = "must not be negative [-]; the usual one is 0.06";
-            let wrong = invalid("bulk viscosity coefficient", b.coefficient, rule);
-            Err(core(format!("{path}.coefficient"))(wrong))
-        }
-        EffectKind::BodyForce(_)
-        | EffectKind::MassDamping(_)
-        | EffectKind::StiffnessDamping(_)
-        | EffectKind::LocalDamping(_)
-        | EffectKind::BulkViscosity(_)
-        | EffectKind::Prestress(_) => drive::simple_effect(k, e).map(|_| ()),
-    }
 }

@@ -6,7 +6,7 @@ use crate::error::{Result, core, key, unknown, value};
 use crate::setup::body::Body;
 use crate::setup::names::{contact_sides, effect_models, model_index, parts};
 use crate::setup::{LoweredScene, load, select};
-use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, Selection};
+use crate::spec::{EffectKind, ObstacleShape, Probe, Quantity, Selection};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
@@ -76,31 +76,12 @@ fn support_name(k: usize, scene: &LoweredScene) -> String {
     given_name.unwrap_or_else(|| format!("support-{}", k + 1))
 }
 
-/// Name of an effect in the ledger; `None` for fracture, which exerts no force.
-fn effect_name(k: usize, e: &Effect) -> Option<String> {
-    match (&e.kind, &e.between) {
-        (EffectKind::Fracture(_), _) => None,
-        (EffectKind::Obstacle(o), _) => Some(o.ledger_name(k)),
-        (EffectKind::Contact(_), Some(between)) => Some(format!("contact {}", between.join("-"))),
-        (
-            EffectKind::BodyForce(_)
-            | EffectKind::MassDamping(_)
-            | EffectKind::StiffnessDamping(_)
-            | EffectKind::LocalDamping(_)
-            | EffectKind::BulkViscosity(_)
-            | EffectKind::Prestress(_)
-            | EffectKind::Contact(_),
-            _,
-        ) => Some(e.kind.key().replace('_', "-")),
-    }
-}
-
 /// Names of all supports, loads and effects, sorted.
 fn names(scene: &LoweredScene) -> Vec<String> {
     let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
     let loads = scene.load.iter().enumerate().map(|(k, l)| load::name(k, l));
     let effects = scene.effect.iter().enumerate();
-    let effects = effects.filter_map(|(k, e)| effect_name(k, e));
+    let effects = effects.filter_map(|(k, e)| e.ledger_name(k));
     let mut sorted: Vec<String> = supports.chain(loads).chain(effects).collect();
     sorted.sort();
     sorted.dedup();
@@ -141,7 +122,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<Bearer
         }
     }
     for (k, e) in scene.effect.iter().enumerate() {
-        if effect_name(k, e).as_deref() != Some(name) {
+        if e.ledger_name(k).as_deref() != Some(name) {
             continue;
         }
         out.effect = true;
