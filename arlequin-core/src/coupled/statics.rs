@@ -377,7 +377,7 @@ fn solve_with_supports<T: Real>(
 /// Solution of a scaled system.
 struct Solution<T> {
     x: Vec<T>,
-    /// Residual over the sum of the right-hand side and the largest entry times the solution.
+    /// `‖b − A x‖/(‖b‖ + max|A| ‖x‖)`, with the largest magnitudes of the vectors' entries as norms \[–\].
     residual: T,
     /// True unless something shows that the matrix is singular.
     sound: bool,

@@ -316,8 +316,7 @@ pub(super) struct Spectrum {
     pub origin: Option<Origin>,
     /// Duration of the signal \[s\].
     duration: f64,
-    /// Integrals of the squares of displacement and velocity, from the signal's start to equidistant times
-    /// within it.
+    /// `∫u² dt` and `∫v² dt` from the start of the signal up to each of a number of equidistant times.
     energies: Vec<[f64; 2]>,
     /// Square of the displacement that remains after the signal.
     left: f64,

@@ -23,7 +23,7 @@ use surface::{Depth, Shell};
 
 /// Depth over the spacing of nodes or particles above which one body is inside the other.
 const TOLERANCE: f64 = 0.05;
-/// Distance that may be covered between two looks, over the smaller spacing or radius of a pair.
+/// Longest way of one body towards another between two looks, over the smaller of their spacings or radii.
 const STRIDE: f64 = 0.25;
 /// Largest number of steps between two looks.
 const LONGEST: f64 = 32.0;
