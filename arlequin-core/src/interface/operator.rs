@@ -379,7 +379,7 @@ fn block<T: Real>(
             let by_factor = match options.solver {
                 // A factor is read twice per solve; an iteration reads S or both directions of B.
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
-                _ => !chosen,
+                Solver::Factor | Solver::ConjugateGradients { .. } => !chosen,
             };
             let range = [low, high].map(T::as_f64);
             let mut block = Block::Factor { scale, factor };

@@ -8,13 +8,13 @@ use super::names::sides_of;
 use super::shapes::{region, region_box, shape_corners};
 use crate::error::{Result, core, key, value};
 use crate::setup::{LoweredInterface, LoweredScene, OverlapSource};
-use crate::spec::{Absorber as AbsorberTable, OverlapShape, ProfileKind, SolverKind, WeightTable};
+use crate::spec::{Absorber as AbsorberTable, OverlapShape, ProfileKind, WeightTable};
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
     Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place,
-    Ramp, Sampling, Shell, Slab, Solver, Weight, Weights,
+    Ramp, Sampling, Shell, Slab, Weight, Weights,
 };
 use arlequin::fem_ref::FemField;
 use std::path::Path;
@@ -338,11 +338,7 @@ fn options(table: &LoweredInterface, sides: Sides<'_>) -> InterfaceOptions<f64> 
             None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
         },
-        solver: match table.solver {
-            SolverKind::Auto => Solver::Auto,
-            SolverKind::Factor => Solver::Factor,
-            SolverKind::ConjugateGradients => Solver::conjugate_gradients(),
-        },
+        solver: table.solver.into(),
         lumped: table.lumped,
         pin: table.pin.map(Point3::from),
         ..InterfaceOptions::default()

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub use arlequin::core::JunctionKind;
 pub use arlequin::core::ProfileKind;
-use arlequin::core::{Partition, Sampling, Weighting};
+use arlequin::core::{Partition, Sampling, Solver, Weighting};
 
 /// `[interface.NAME]`: the coupling of two models. `O` is its overlap, as the scene gives it or as set-up
 /// derives it.
@@ -88,6 +88,16 @@ pub enum SolverKind {
     /// By conjugate gradients to 1e-12 of the jump; the result creates no energy even if the iteration ends
     /// early.
     ConjugateGradients,
+}
+
+impl From<SolverKind> for Solver<f64> {
+    fn from(kind: SolverKind) -> Self {
+        match kind {
+            SolverKind::Auto => Self::Auto,
+            SolverKind::Factor => Self::Factor,
+            SolverKind::ConjugateGradients => Self::conjugate_gradients(),
+        }
+    }
 }
 
 /// An overlap.
