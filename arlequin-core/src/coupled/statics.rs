@@ -395,6 +395,7 @@ fn refined<T: Real>(a: &CsMat<T>, factor: &mut Factor<T>, b: &[T], moving: usize
         x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
         let (change, size) = (norm(&r[..moving]), norm(&x[..moving]));
         changed = change > size * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
+        // A few units in the last place: further refinement only shuffles round-off.
         if change <= size * T::epsilon() * T::of(8.0) {
             break;
         }

@@ -218,6 +218,7 @@ fn check_place(
         OverlapSource::Given(OverlapShape::Slab { fine, coarse }) => {
             let reaches = points.map(|p| {
                 let [first, last] = positions_across(fine, coarse, p);
+                // A face on a border of the slab touches it up to round-off, and does not reach into it.
                 first < 1.0 - 1e-6 && last > 1e-6
             });
             (

@@ -66,6 +66,7 @@ pub(super) fn is_hull(body: &Body) -> bool {
 pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<BodyShape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {
+        // Fine steps keep the mediator as large as possible: what it leaves out is untied.
         let inset = 0.1 * f64::from(step) * grains.spacing;
         let given = request.shape.given().zip(grains.shape.given());
         let Some(shape) = given.and_then(|(shape, body)| moved_inwards(shape, body, inset)) else {
@@ -204,6 +205,7 @@ fn layer(fine: &[f64; 3], coarse: &[f64; 3], shapes: [&Shape; 2]) -> Option<Shap
             Shape::Cylinder {
                 from: b, radius: s, ..
             },
+            // Radii that are meant to be equal may differ in the last digits.
         ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Some(Shape::Cylinder {
             from: [from, a[1], a[2]],
             length: to - from,

@@ -53,6 +53,7 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
         ObstacleShape::Plane { point, normal } => {
             let (point, normal) = (Point3::from(point), Vector3::from(normal).normalize());
             let centre = middle - normal * normal.dot(&(middle - point));
+            // An endless plane is drawn somewhat larger than the model.
             let [a, b] = across(&normal).map(|v| v * (0.75 * size));
             let points = vec![centre - a - b, centre + a - b, centre + a + b, centre - a + b];
             (grid(points, vec![0, 1, 2, 3]), centre)

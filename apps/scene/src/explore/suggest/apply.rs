@@ -80,6 +80,7 @@ fn tidy(x: f64) -> f64 {
 fn counts(lengths: &[f64], spacing: f64) -> String {
     let n: Vec<String> = lengths
         .iter()
+        // A quotient that is whole up to round-off needs no further element.
         .map(|l| (l / spacing - 1e-6).ceil().max(1.0).to_string())
         .collect();
     format!("[{}]", n.join(", "))

@@ -96,6 +96,7 @@ impl Mesher {
         step: f64,
         digits: impl Fn(f64) -> f64,
     ) -> Vec<(f64, Elements)> {
+        // A spacing that divides the edge exactly must not need one more element by round-off.
         let most = most * (1.0 + 1e-9);
         let divided = |l: &f64| {
             let (l, first) = (*l, ((l / most).ceil() as usize).max(1));

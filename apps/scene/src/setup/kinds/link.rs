@@ -210,6 +210,7 @@ fn particles(path: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 
     } else {
         field.with_gradients(pairs).map_err(core(path))?
     };
+    // Radius of a ball of the given volume.
     let third = 0.75 / std::f64::consts::PI;
     let grid = Grid {
         points: nodes.to_vec(),
