@@ -170,15 +170,7 @@ impl<T: Real> Coupled<T> {
         let (partition, findings) = partition::check(&subdomains, &interfaces)?;
         let (mut built, mut joints) = interfaces_of(&interfaces, findings, &subdomains, announce)?;
         announce(SetupPhase::Step);
-        let span = motions::Span {
-            start: start.as_f64(),
-            end: end.map(|t| t.as_f64()),
-        };
-        for i in &mut built {
-            motions::check(i, &subdomains, span)?;
-            let warning = motions::one_sided(i, &subdomains);
-            i.report.warnings.extend(warning);
-        }
+        check_motions(&mut built, &subdomains, (start, end))?;
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         // Interfaces and overlaps are built from whole models; from here on each rank keeps its parts.
@@ -275,6 +267,25 @@ fn paired_subdomains<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> 
         p.sides.iter().for_each(|&s| paired[s] = true);
     }
     Ok(paired)
+}
+
+/// Refuses prescribed motions that tear tied models apart between two times \[s\], and warns about motions of one
+/// side only.
+fn check_motions<T: Real>(
+    built: &mut [Interface<T>],
+    subdomains: &[Subdomain<T>],
+    (start, end): (T, Option<T>),
+) -> Result<()> {
+    let span = motions::Span {
+        start: start.as_f64(),
+        end: end.map(|t| t.as_f64()),
+    };
+    for i in built {
+        motions::check(i, subdomains, span)?;
+        let warning = motions::one_sided(i, subdomains);
+        i.report.warnings.extend(warning);
+    }
+    Ok(())
 }
 
 /// Interfaces, and the joints that solve several of them as one system.

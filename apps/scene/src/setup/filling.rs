@@ -6,7 +6,6 @@ use super::files::{self, ShapeFile, bytes, is};
 use super::mesh::volume_of;
 use super::packing::Likeness;
 use super::shapes::corners;
-use super::zone::Piece;
 use crate::error::{Error, Result, fem, key, value};
 use crate::setup::{BodyShape, LoweredModel};
 use crate::spec::{DemTable, LooseKind, Material, Protocol, Shape};
@@ -65,7 +64,17 @@ impl Filling {
         };
         let shape = match &table.shape {
             BodyShape::Given(shape) => shape,
-            BodyShape::Piece(piece) => return Self::of_zone(key, table, piece, folder),
+            BodyShape::Piece(piece) => {
+                let (triangles, mesh) = piece.surface(folder)?;
+                let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
+                return match table.dem.file {
+                    // Spheres read from a file belong to the zone already.
+                    Some(_) => Ok(filling),
+                    None => {
+                        filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin))
+                    }
+                };
+            }
             BodyShape::Remote => return Err(unfilled(key, table)),
         };
         match shape {
@@ -90,17 +99,6 @@ impl Filling {
                 Self::inside_triangles(key, gmsh::triangles_of(&mesh), None)
             }
             Shape::File(path) => file(key, table, &folder.join(path)),
-        }
-    }
-
-    /// Builds the container of a zone and, for spheres that are packed, of its surroundings.
-    fn of_zone(key: &str, table: &LoweredModel, piece: &Piece, folder: &Path) -> Result<Self> {
-        let (triangles, mesh) = piece.surface(folder)?;
-        let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
-        match table.dem.file {
-            // Spheres read from a file belong to the zone already.
-            Some(_) => Ok(filling),
-            None => filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin)),
         }
     }
 }

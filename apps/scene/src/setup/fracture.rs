@@ -1,5 +1,5 @@
 //! `fracture` of particles: criterion, strength or fracture energy, scatter. A scene lists it among its
-//! effects; in the set-up it is an option of the particle model, whose bonds break without a force of their own.
+//! effects; in the set-up it is an option of the particle model: bonds break without a force of their own.
 
 use super::filling::beam;
 use super::names::effect_models;

@@ -135,13 +135,10 @@ pub(crate) fn build_from(
     let states = states_of(scene, &bodies, start)?;
     let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
     let subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
-    let end = match &load_steps {
-        Some(s) => s.times.last().copied(),
-        None => scene.time.end,
-    };
+    let last_load = load_steps.as_ref().and_then(|s| s.times.last().copied());
     let parts = Parts {
         start: begin,
-        end,
+        end: last_load.or(scene.time.end),
         subdomains: shared_out(subdomains, &holdings, ranks),
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
@@ -153,10 +150,7 @@ pub(crate) fn build_from(
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
         line.add_imbalance(s);
     }
-    for i in run.interfaces().iter().map(|i| i.report()) {
-        warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
-    }
-    warnings.extend(totals::warnings(scene, &forces, &run));
+    warnings.extend(warnings_when_coupled(scene, &forces, &run));
     let steps = match &load_steps {
         Some(s) => s.times.len(),
         None => time::steps(scene, begin, run.dt())?,
@@ -206,6 +200,16 @@ fn coupled(scene: &LoweredScene, parts: Parts<f64>, clock: &mut SetupClock<'_>) 
     };
     let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
     run.map_err(|e| origin::in_phase(scene, last_phase, e))
+}
+
+/// Warnings that the coupled models show: those of interfaces, and about loads that no model carries.
+fn warnings_when_coupled(scene: &LoweredScene, forces: &[totals::Total], run: &Coupled<f64>) -> Vec<String> {
+    let mut out = Vec::new();
+    for i in run.interfaces().iter().map(|i| i.report()) {
+        out.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
+    }
+    out.extend(totals::warnings(scene, forces, run));
+    out
 }
 
 /// Bounds of a plausible motion of each model, and the warnings about bodies and interfaces.

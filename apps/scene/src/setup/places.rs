@@ -147,7 +147,7 @@ fn check_tractions(
     Ok(())
 }
 
-/// What is known of the place of particles before they are packed.
+/// Place of particles as far as it is known before they are packed.
 struct Ground {
     /// Groups of a file or of a zone; `None` if the kind of the model knows the groups of its shape.
     groups: Option<BTreeMap<String, ()>>,

@@ -36,7 +36,7 @@ const SAMPLES: u32 = 1000;
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 /// Largest plausible overrun of the end, as a share of the run: a run makes whole steps.
 const OVERRUN: f64 = 0.25;
-/// The same for models without own steps, whose whole steps are short.
+/// Largest plausible overrun for models without own steps, whose whole steps are short.
 const OVERRUN_ALONE: f64 = 1.0;
 /// Largest number of cells of one model that are searched for in another.
 const LOOKS: usize = 2000;
