@@ -269,8 +269,8 @@ fn paired_subdomains<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> 
     Ok(paired)
 }
 
-/// Refuses prescribed motions that tear tied models apart between two times \[s\], and warns about motions of one
-/// side only.
+/// Refuses prescribed motions that tear tied models apart between two times \[s\], and warns about motions of
+/// one side only.
 fn check_motions<T: Real>(
     built: &mut [Interface<T>],
     subdomains: &[Subdomain<T>],
