@@ -107,8 +107,8 @@ pub(super) fn assemble<T: Real>(
     Ok(built)
 }
 
-/// Sums over the particles of the side that has some, the fine one first. Returns the coupling and the measure
-/// that is tied. `total` is the mediator's measure.
+/// Sums over the particles of the side that has some, the fine one first. Returns the coupling and the
+/// measure that is tied. `total` is the mediator's measure.
 fn over_particles<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
