@@ -172,7 +172,7 @@ pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &Low
         .iter()
         .enumerate()
         .filter(|(_, e)| e.between.is_some());
-    if probe.model.is_none() && pairs.any(|(k, e)| effect_name(k, e).as_deref() == Some(name)) {
+    if probe.model.is_none() && pairs.any(|(k, e)| e.ledger_name(k).as_deref() == Some(name)) {
         let rule = "adds up to nothing over both models; name the one on which the force is meant";
         return Err(key(format!("{path}.model"), rule));
     }
