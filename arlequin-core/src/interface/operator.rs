@@ -430,8 +430,8 @@ fn block<T: Real>(
     })
 }
 
-/// Solves a block of dependent and few multipliers by its eigenmodes, which treat all multipliers alike, where
-/// a pivoted factor would keep a subset.
+/// Solves a block of dependent and few multipliers by its eigenmodes. They treat all multipliers alike; a
+/// pivoted factor would keep a subset.
 fn modes_outcome<T: Real>(
     scaled: &CsMat<T>,
     scale: Vec<T>,
