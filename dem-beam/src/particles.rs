@@ -324,12 +324,6 @@ impl BondedParticles {
         (self.positions, self.radii, self.pairs)
     }
 
-    /// Makes sums over the bonds of a particle follow the order of the pairs, as in [`Self::part`].
-    pub(crate) fn in_order_of_pairs(mut self) -> Self {
-        self.adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(self.len(), &self.pairs)));
-        self
-    }
-
     /// Sets the stiffness of a bond to zero; masses stay.
     pub(crate) fn sever(&mut self, bond: usize) {
         self.scales[bond] = 0.0;
