@@ -14,7 +14,7 @@ use crate::geometry::{BoxTree, bounds_of};
 use crate::{Error, Real, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Nodes whose mean gives the direction inwards.
+/// Number of nearest nodes; their mean position gives the direction into the body.
 const NODES: usize = 8;
 /// Number of halvings of the distance to the surface, enough to come down to round-off.
 const HALVINGS: usize = 50;

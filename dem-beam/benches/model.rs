@@ -115,8 +115,8 @@ fn measure(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dy
     Ok(())
 }
 
-/// What watching strengths adds to the step: without, with each criterion, with strengths that scatter, and
-/// with bonds compared one by one. Every bond is loaded far below its strength.
+/// Measures what watching strengths adds to the step: without, with each criterion, with strengths that
+/// scatter, and with bonds compared one by one. Every bond is loaded far below its strength.
 fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let guard = Guard {
         interval: 1_000_000,
@@ -192,8 +192,8 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
     Ok(())
 }
 
-/// What contact adds to the step, as a multiple of the bare step, in waves of up to 10 m/s. Pairs come near
-/// each other, and hardly any touch.
+/// Measures what contact adds to the step, as a multiple of the bare step, in waves of up to 10 m/s. Pairs
+/// come near each other, and hardly any touch.
 fn contact(packing: &Packing, threads: usize) -> Result<(), Box<dyn std::error::Error>> {
     let make = |fracture: bool, contact: bool| -> Result<Coupled<f64>, Box<dyn std::error::Error>> {
         let mut m = DemModel::new("bar", packing, BeamMaterial::SILICA, 2200.0)?;

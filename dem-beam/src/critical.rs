@@ -129,6 +129,7 @@ pub(crate) fn largest(
 
 fn step_from_eigenvalue(lambda: f64) -> Result<f64> {
     if lambda.is_finite() && lambda > 0.0 {
+        // Central differences are stable for `Δt ω ≤ 2`.
         Ok(2.0 / lambda.sqrt())
     } else {
         Err(Error::out_of_range(

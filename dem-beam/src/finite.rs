@@ -87,6 +87,7 @@ pub fn wrenches(bond: &LinearBond, k: &BeamRigidity, i: &Pose, j: &Pose) -> (Twi
     } = Deformed::new(bond, i, j);
     let scale = bond.scale * inverse * inverse;
     let (r, r0) = (relative.imag(), relative.scalar());
+    // The vector part of a quaternion is the axis times the sine of half the angle.
     let twist = 2.0 * n.dot(&r);
     let (ci, cj) = (n.dot(&ti), n.dot(&tj));
     let (kt, kb) = (k.torsion * scale * twist, 2.0 * k.bending * scale);

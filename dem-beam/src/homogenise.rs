@@ -126,6 +126,8 @@ fn respond(body: &BondedParticles, volume: f64, strain: &Matrix3<f64>) -> Result
         let [i, mut j] = [i, j].map(|p| solution.displacements[p as usize]);
         j.linear += across.linear;
         let pull = body.bond(b).wrenches(k, &i, &j).0.linear;
+        // Sum of branch vector times force; only the symmetric part is a stress, because torques balance the
+        // rest.
         stress += (d * pull.transpose() + pull * d.transpose()) * (0.5 / volume);
     }
     Ok((stress, solution.iterations))

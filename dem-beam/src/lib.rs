@@ -64,7 +64,7 @@ pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
 pub use error::{Error, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
-pub use model::{DemModel, DemReport, LoadShare, Piece, TOUCH};
+pub use model::{DemModel, DemReport, LoadShare, TOUCH};
 pub use obstacle::{Motion, Obstacle, RigidShape};
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};

@@ -10,7 +10,7 @@
 
 mod check;
 
-pub(crate) use check::{check_spheres, expect_len, longest};
+pub(crate) use check::{check_spheres, expect_len};
 
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::{Error, Result, finite, positive};
@@ -75,17 +75,6 @@ pub(crate) struct Contents<'a> {
     /// True if centres move to the kernel's grid and stiffnesses to its 24 bits, so that forces, energies and
     /// matrices of a model follow one law.
     pub(crate) rounded: bool,
-    /// For a rank's part of a partitioned body: the values that belong to the whole body.
-    pub(crate) whole: Option<Extents>,
-}
-
-/// Values of a whole body that each of its parts needs.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Extents {
-    /// Mean radius \[m\].
-    pub(crate) mean_radius: f64,
-    /// Longest component of a bond \[m\].
-    pub(crate) longest: f64,
 }
 
 impl BondedParticles {
@@ -125,7 +114,6 @@ impl BondedParticles {
             loose: false,
             period,
             rounded: false,
-            whole: None,
         };
         Self::with_volumes(positions, radii, pairs, matter.density, matter.beam, &contents)
     }
@@ -141,7 +129,6 @@ impl BondedParticles {
             period: packing.period,
             // Images of a periodic box lie off the grid, and a periodic packing never becomes a model.
             rounded: packing.period.is_none(),
-            whole: None,
         };
         Self::with_volumes(x.clone(), r.clone(), pairs.clone(), density, beam, &contents)
     }
@@ -160,9 +147,8 @@ impl BondedParticles {
         for v in contents.volumes {
             positive("volume of a particle", *v)?;
         }
-        // All bonds share one beam radius, so a part uses the mean radius of the whole body.
-        let local_mean = || radii.iter().sum::<f64>() / radii.len() as f64;
-        let mean = contents.whole.map_or_else(local_mean, |w| w.mean_radius);
+        // All bonds share one beam radius.
+        let mean = radii.iter().sum::<f64>() / radii.len() as f64;
         let rigidity = beam.rigidity(mean)?;
         let mut degree = vec![0_u32; positions.len()];
         let mut scales = Vec::with_capacity(pairs.len());
@@ -174,7 +160,7 @@ impl BondedParticles {
             degree[i as usize] += 1;
             degree[j as usize] += 1;
         }
-        let grid = Grid::for_bonds(contents.whole.map_or(longest, |w| w.longest));
+        let grid = Grid::for_bonds(longest);
         // The grid follows from the longest bond, so bonds are computed once before and once after rounding.
         if contents.rounded {
             positions.iter_mut().for_each(|x| *x = grid.snap(x));
@@ -336,12 +322,6 @@ impl BondedParticles {
     /// Returns centres, radii and pairs; frees all other arrays.
     pub(crate) fn into_spheres(self) -> (Vec<Vector3<f64>>, Vec<f64>, Vec<[u32; 2]>) {
         (self.positions, self.radii, self.pairs)
-    }
-
-    /// Makes sums over the bonds of a particle follow the order of the pairs, as in [`Self::part`].
-    pub(crate) fn in_order_of_pairs(mut self) -> Self {
-        self.adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(self.len(), &self.pairs)));
-        self
     }
 
     /// Sets the stiffness of a bond to zero; masses stay.

@@ -465,6 +465,7 @@ impl<T: Real> Mesh<T> {
         let centre = Point3::from(sum / T::of(p.len() as f64));
         let (normal, shares) = match p.as_slice() {
             [a, b, c] => {
+                // Area times outward normal of a flat triangle.
                 let n = (b - a).cross(&(c - a)) * T::of(0.5);
                 // A triangle gives each corner a third of its area.
                 (n, vec![n.norm() / T::of(3.0); 3])

@@ -8,8 +8,7 @@
 //! Arguments: cells of a body-centred lattice along each edge, and rounds. Runs take turns, and the least
 //! of their times counts. Two more numbers tie the first cells to elements: cells along an element (4, if 4
 //! divides the cells; the overlap has two elements across), and the solver for the multipliers: chosen by
-//! the core (0) or conjugate gradients (1). Without elements each rank makes only its own part of the body;
-//! a last number of 1 makes every rank build the whole body first (0, 0, 1).
+//! the core (0) or conjugate gradients (1).
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -17,14 +16,14 @@
 )]
 
 use arlequin_core::nalgebra::Point3;
-use arlequin_core::ranks::{Communicator, Division, Message, RankError, Reduction};
+use arlequin_core::ranks::{Communicator, Message, RankError, Reduction};
 use arlequin_core::{
     Coupled, Guard, InterfaceSpec, L2, Model, Partition, Profile, Ramp, Sampling, Silent, Slab, Solver,
     Subdomain, TimeStep, Uniform, Weights,
 };
 use arlequin_core::{DofLayout, parallel};
 use arlequin_mpi::processes::{self, Ending};
-use dem_beam::packing::{Bricks, Lattice, lattice};
+use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use fem_ref::{Elastic, ElementKind, FemField, FemModel, generate};
 use std::process::Command;
@@ -44,8 +43,6 @@ struct Deck {
     element: usize,
     /// Solver for the multipliers: 0 or 1 as in the arguments.
     solver: usize,
-    /// True if every rank builds the whole cube and keeps its part.
-    whole: bool,
 }
 
 impl Deck {
@@ -56,7 +53,6 @@ impl Deck {
             cells: number(0)?,
             element: number(1)?,
             solver: number(2)?,
-            whole: number(3)? > 0,
         })
     }
 }
@@ -87,7 +83,7 @@ fn main() -> Result<(), Failure> {
     }
     let argument = |k: usize, default: usize| std::env::args().nth(k).map_or(Ok(default), |a| a.parse());
     let rounds = argument(2, 3)?;
-    let deck = Deck::from_numbers(|k| argument([1, 3, 4, 5][k], [47, 0, 0, 0][k]))?;
+    let deck = Deck::from_numbers(|k| argument([1, 3, 4][k], [47, 0, 0][k]))?;
     sums(deck.cells)?;
     println!(
         "ranks x threads | ms per step | particles | with ghosts | kB before | kB in use | kB at most | messages per step | kB per step | reductions per step | \
@@ -156,9 +152,8 @@ fn started((ranks, threads, deck): (usize, usize, Deck)) -> Result<Results, Fail
         cells,
         element,
         solver,
-        whole,
     } = deck;
-    run.env(DECK, format!("{cells} {element} {solver} {}", u8::from(whole)));
+    run.env(DECK, format!("{cells} {element} {solver}"));
     run.env("RAYON_NUM_THREADS", threads.to_string());
     for key in ["OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] {
         run.env(key, "1");
@@ -266,32 +261,17 @@ fn one_rank(deck: Deck, inner: Arc<dyn Communicator>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the cube (whole, or this rank's part) and the edge of its cells \[m\].
-fn cube(deck: Deck, ranks: &Arc<dyn Communicator>) -> Result<(DemModel, f64), Failure> {
-    let Deck {
-        cells,
-        element,
-        whole,
-        ..
-    } = deck;
-    let (beam, radius) = (BeamMaterial::SILICA, 1e-4);
-    if element > 0 || whole {
-        let packing = lattice(Lattice::BodyCentred, [cells; 3], radius)?;
-        let model = DemModel::new("cube", &packing, beam, 2200.0)?;
-        return Ok((model, packing.volume.cbrt() / cells as f64));
-    }
-    let bricks = Bricks::new(Lattice::BodyCentred, [cells; 3], radius)?;
-    let cell = bricks.volume().cbrt() / cells as f64;
-    let division = Division::bisect(bricks.particles(), &bricks.units(), ranks.ranks())?;
-    let piece = bricks.piece(&division, ranks.rank(), beam, 2200.0)?;
-    drop(bricks);
-    Ok((DemModel::of_piece("cube", piece, &division, ranks.clone())?, cell))
+/// Returns the cube and the edge of its cells \[m\].
+fn cube(cells: usize) -> Result<(DemModel, f64), Failure> {
+    let packing = lattice(Lattice::BodyCentred, [cells; 3], 1e-4)?;
+    let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0)?;
+    Ok((model, packing.volume.cbrt() / cells as f64))
 }
 
 /// Couples the cube with elements that share its first cells.
 fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failure> {
     let cells = deck.cells;
-    let (model, cell) = cube(deck, &ranks)?;
+    let (model, cell) = cube(cells)?;
     let mut bodies = Vec::new();
     let mut interfaces = Vec::new();
     let mut weights = Weights::from_weight(Arc::new(Uniform(1.0)));
@@ -316,14 +296,12 @@ fn tied(deck: Deck, ranks: Arc<dyn Communicator>) -> Result<Coupled<f64>, Failur
         interfaces.push(spec);
     }
     let n = model.layout().dofs();
-    let global = |i: usize| model.owned().global(i);
-    let speed = |k: usize| (0.37 * (3 * global(k / 3) + k % 3) as f64).sin();
+    let speed = |k: usize| (0.37 * k as f64).sin();
     let v = (0..n).map(|k| if k < n / 2 { speed(k) } else { 0.0 }).collect();
-    let in_parts = model.owned().is_part();
     let side = Subdomain::fine(model, weights)
         .with_partition(Partition::Unchecked)
         .with_initial(vec![0.0; n], v)?;
-    bodies.insert(0, if in_parts { side } else { side.shared(ranks) });
+    bodies.insert(0, side.shared(ranks));
     let guard = Guard {
         interval: STEPS,
         growth: 0.05,

@@ -81,6 +81,7 @@ impl Model<f64> for MatrixModel {
             return Err(Error::NotFinite { what, index });
         }
         let apart = asymmetry(&self.stiffness);
+        // Entries that a program sums in another order differ by round-off.
         if apart > 1e-9 {
             let name = format!("asymmetry of the stiffness of '{}'", self.about.name);
             let rule = "must be below 1e-9: forces without an energy gain or lose some; give (K + K.T)/2";

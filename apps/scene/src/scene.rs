@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result, key, meant, value};
 use crate::ranks::Ranks;
-use crate::setup::{self, lower};
-use crate::spec::SceneSpec;
+use crate::setup::{self, LoweredScene, lower};
 use std::fmt::Display;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -83,7 +82,7 @@ pub struct Scene {
     source: Source,
     changes: Vec<String>,
     table: toml::Table,
-    spec: SceneSpec,
+    spec: LoweredScene,
     ranks: Ranks,
 }
 
@@ -116,7 +115,7 @@ impl Scene {
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
         plausible("", &table)?;
         // Parsed from the text, not from `table`: only then do errors have a line.
-        let spec = lowered(toml::from_str(&source.text).map_err(syntax)?)?;
+        let spec = lower::lowered(toml::from_str(&source.text).map_err(syntax)?)?;
         Ok(Self {
             source,
             changes: Vec::new(),
@@ -206,12 +205,12 @@ impl Scene {
         // crate's code.
         let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
-        self.spec = lowered(spec)?;
+        self.spec = lower::lowered(spec)?;
         Ok(())
     }
 
-    /// The tables of the scene, changes included.
-    pub fn spec(&self) -> &SceneSpec {
+    /// The tables of the scene, changes included, with the models and interfaces of its body and zones.
+    pub fn spec(&self) -> &LoweredScene {
         &self.spec
     }
 
@@ -221,7 +220,7 @@ impl Scene {
     }
 
     /// Returns a copy of the scene whose tables are those of `spec`.
-    pub(crate) fn with_spec(&self, spec: SceneSpec) -> Self {
+    pub(crate) fn with_spec(&self, spec: LoweredScene) -> Self {
         Self { spec, ..self.clone() }
     }
 
@@ -246,23 +245,6 @@ impl Scene {
         collect_files(&Value::Table(self.table.clone()), &mut out);
         out
     }
-}
-
-/// Turns zones into models and interfaces.
-///
-/// # Errors
-/// A model other than a link that lacks a required key.
-fn lowered(spec: SceneSpec) -> Result<SceneSpec> {
-    let body = spec.body.iter().map(|t| ("body".to_owned(), t));
-    let models = spec.model.iter().map(|(n, t)| (format!("model.{n}"), t));
-    for (path, table) in body.chain(models) {
-        if !setup::kind(table.kind).is_remote()
-            && let Some(missing) = table.missing()
-        {
-            return Err(key(path, format!("missing field `{missing}`")));
-        }
-    }
-    lower::lowered(spec)
 }
 
 fn collect_files(node: &Value, out: &mut Vec<PathBuf>) {

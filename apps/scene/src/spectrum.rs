@@ -18,6 +18,7 @@ pub fn frequencies(samples: &[f64], step: f64) -> Vec<f64> {
         return Vec::new();
     }
     let mean = samples.iter().sum::<f64>() / n as f64;
+    // The Hann window: without it, a period that does not fit the record leaks into all frequencies.
     let window = |k: usize| 0.5 - 0.5 * (2.0 * PI * k as f64 / n as f64).cos();
     // Zero padding to twice the length: the parabola then errs by less than a hundredth of a bin.
     let size = 2 * n.next_power_of_two();
@@ -87,6 +88,7 @@ pub fn peak_near(samples: &[f64], step: f64, guess: f64) -> f64 {
         .fold((guess, 0.0), |b, x| if x.1 > b.1 { x } else { b })
         .0;
     let (mut low, mut high) = (best - width, best + width);
+    // Each section keeps this share of the interval.
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     // Thirty golden sections shrink the interval by a factor of 2e6.
     for _ in 0..30 {

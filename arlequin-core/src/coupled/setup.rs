@@ -170,17 +170,7 @@ impl<T: Real> Coupled<T> {
         let (partition, findings) = partition::check(&subdomains, &interfaces)?;
         let (mut built, mut joints) = interfaces_of(&interfaces, findings, &subdomains, announce)?;
         announce(SetupPhase::Step);
-        let span = motions::Span {
-            start: start.as_f64(),
-            end: end.map(|t| t.as_f64()),
-        };
-        built
-            .iter()
-            .try_for_each(|i| motions::check(i, &subdomains, span))?;
-        for i in &mut built {
-            let warning = motions::one_sided(i, &subdomains);
-            i.report.warnings.extend(warning);
-        }
+        check_motions(&mut built, &subdomains, (start, end))?;
         let mut overlaps: Vec<_> = built.iter().map(|i| Overlap::new(i, &subdomains)).collect();
         let mut held: Vec<_> = built.iter().map(|i| Held::new(i, &subdomains)).collect();
         // Interfaces and overlaps are built from whole models; from here on each rank keeps its parts.
@@ -192,13 +182,12 @@ impl<T: Real> Coupled<T> {
         // Pair effects must know which nodes the interfaces tie.
         let pairs = pairs::attach(pairs, &subdomains, &built)?;
         // Effects are attached by now: they shorten critical steps.
-        let (mut critical, mut bounded) = (Vec::new(), Vec::new());
-        for (k, s) in subdomains.iter_mut().enumerate() {
+        let steps = subdomains.iter_mut().enumerate().map(|(k, s)| {
             let asked = pace::asked(step, s.step_choice());
-            let (longest, is_bound) = s.critical_step(&pairs::demands(&pairs, k), asked)?;
-            critical.push(longest);
-            bounded.push(is_bound);
-        }
+            s.critical_step(&pairs::demands(&pairs, k), asked)
+        });
+        let steps: Vec<(T, bool)> = steps.collect::<Result<_>>()?;
+        let (critical, bounded): (Vec<T>, Vec<bool>) = steps.into_iter().unzip();
         let between: Vec<_> = pairs.iter().map(|p| p.sides).collect();
         let lockstep = Lockstep::groups(subdomains.len(), &between);
         let pace = pace::choose(step, &critical, &subdomains, &lockstep)?;
@@ -278,6 +267,25 @@ fn paired_subdomains<T: Real>(start: T, count: usize, pairs: &[PairSpec<T>]) -> 
         p.sides.iter().for_each(|&s| paired[s] = true);
     }
     Ok(paired)
+}
+
+/// Refuses prescribed motions that tear tied models apart between two times \[s\], and warns about motions of
+/// one side only.
+fn check_motions<T: Real>(
+    built: &mut [Interface<T>],
+    subdomains: &[Subdomain<T>],
+    (start, end): (T, Option<T>),
+) -> Result<()> {
+    let span = motions::Span {
+        start: start.as_f64(),
+        end: end.map(|t| t.as_f64()),
+    };
+    for i in built {
+        motions::check(i, subdomains, span)?;
+        let warning = motions::one_sided(i, subdomains);
+        i.report.warnings.extend(warning);
+    }
+    Ok(())
 }
 
 /// Interfaces, and the joints that solve several of them as one system.

@@ -377,7 +377,7 @@ fn solve_with_supports<T: Real>(
 /// Solution of a scaled system.
 struct Solution<T> {
     x: Vec<T>,
-    /// Residual over the sum of the right-hand side and the largest entry times the solution.
+    /// `‖b − A x‖/(‖b‖ + max|A| ‖x‖)`, with the largest magnitudes of the vectors' entries as norms \[–\].
     residual: T,
     /// True unless something shows that the matrix is singular.
     sound: bool,
@@ -395,6 +395,7 @@ fn refined<T: Real>(a: &CsMat<T>, factor: &mut Factor<T>, b: &[T], moving: usize
         x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
         let (change, size) = (norm(&r[..moving]), norm(&x[..moving]));
         changed = change > size * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
+        // A few units in the last place: further refinement only shuffles round-off.
         if change <= size * T::epsilon() * T::of(8.0) {
             break;
         }

@@ -25,7 +25,7 @@ const NEAR_END: f64 = 1e-3;
 const PLACES: usize = 8;
 /// Samples of `q` per length of the front.
 const SAMPLES: usize = 256;
-/// Largest number of lengths beyond the ends over which `q` is followed.
+/// Largest distance beyond the ends of the front at which `q` is sampled, in lengths of the front.
 const BEYOND: usize = 16;
 
 impl<T: Real> CrackFront<T> {

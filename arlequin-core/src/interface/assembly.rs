@@ -80,34 +80,7 @@ pub(super) fn assemble<T: Real>(
             }
             refined(spec, sides, &cells, total, components, &mut warnings)?
         }
-        Sampling::Particles => {
-            let sampled_side = [1, 0]
-                .into_iter()
-                .find_map(|m| Some((m, sides[m].field.samples()?)));
-            let Some((m, samples)) = sampled_side else {
-                return Err(crate::error::invalid_option(
-                    &spec.name,
-                    "sampling",
-                    "particles",
-                    &format!(
-                        "neither '{}' nor '{}' has integration points of its own; use 'intersection'",
-                        sides[0].name, sides[1].name
-                    ),
-                ));
-            };
-            let sampler = Sampler::new(spec, sides, components);
-            let summed = sampler.over_particles(m, samples, &mut warnings)?;
-            let covered = summed.measure;
-            check_coverage(
-                spec,
-                sides[m].name,
-                [covered, total],
-                [T::of(PARTICLE_COVERAGE); 2],
-            )?;
-            // What reaches beyond the mediator counts too: the particles there are tied to a continuation of
-            // the field.
-            (summed.coupling, covered + summed.reached)
-        }
+        Sampling::Particles => over_particles(spec, sides, components, total, &mut warnings)?,
     };
     let mut built = Built {
         coupling,
@@ -132,6 +105,43 @@ pub(super) fn assemble<T: Real>(
         pin(spec, sides, &mut built.coupling, components)?;
     }
     Ok(built)
+}
+
+/// Sums over the particles of the side that has some, the fine one first. Returns the coupling and the
+/// measure that is tied. `total` is the mediator's measure.
+fn over_particles<T: Real>(
+    spec: &InterfaceSpec<T>,
+    sides: &[Side<'_, T>; 2],
+    components: usize,
+    total: T,
+    warnings: &mut Vec<String>,
+) -> Result<([Coupling<T>; 2], T)> {
+    let sampled_side = [1, 0]
+        .into_iter()
+        .find_map(|m| Some((m, sides[m].field.samples()?)));
+    let Some((m, samples)) = sampled_side else {
+        return Err(crate::error::invalid_option(
+            &spec.name,
+            "sampling",
+            "particles",
+            &format!(
+                "neither '{}' nor '{}' has integration points of its own; use 'intersection'",
+                sides[0].name, sides[1].name
+            ),
+        ));
+    };
+    let sampler = Sampler::new(spec, sides, components);
+    let summed = sampler.over_particles(m, samples, warnings)?;
+    let covered = summed.measure;
+    check_coverage(
+        spec,
+        sides[m].name,
+        [covered, total],
+        [T::of(PARTICLE_COVERAGE); 2],
+    )?;
+    // What reaches beyond the mediator counts too: the particles there are tied to a continuation of the
+    // field.
+    Ok((summed.coupling, covered + summed.reached))
 }
 
 /// Returns the degree of the quadrature rule on each cell intersection; `None` for sums over particles.

@@ -379,7 +379,7 @@ fn block<T: Real>(
             let by_factor = match options.solver {
                 // A factor is read twice per solve; an iteration reads S or both directions of B.
                 Solver::Auto => 2.0 * entries as f64 <= iterations * passes.min(s.nnz()) as f64,
-                _ => !chosen,
+                Solver::Factor | Solver::ConjugateGradients { .. } => !chosen,
             };
             let range = [low, high].map(T::as_f64);
             let mut block = Block::Factor { scale, factor };
@@ -419,17 +419,34 @@ fn block<T: Real>(
                 .flatten(),
         });
     }
-    // Dependent and few: eigenmodes treat all multipliers alike, where a pivoted factor would keep a subset.
-    let analysis = rank::resolve_modes(&scaled, tolerance, per_node)?;
+    let modes = modes_outcome(&scaled, scale, tolerance, per_node)?;
+    Ok(match chosen {
+        true => Outcome {
+            block: diagonal,
+            exact: false,
+            ..modes
+        },
+        false => modes,
+    })
+}
+
+/// Solves a block of dependent and few multipliers by its eigenmodes. They treat all multipliers alike; a
+/// pivoted factor would keep a subset.
+fn modes_outcome<T: Real>(
+    scaled: &CsMat<T>,
+    scale: Vec<T>,
+    tolerance: T,
+    per_node: usize,
+) -> Result<Outcome<T>> {
+    let analysis = rank::resolve_modes(scaled, tolerance, per_node)?;
     let [low, high] = analysis.range;
-    let modes = Block::Modes {
-        scale,
-        modes: analysis.modes,
-        work: vec![T::zero(); scaled.rows()],
-    };
     Ok(Outcome {
-        block: if chosen { diagonal } else { modes },
-        exact: !chosen,
+        block: Block::Modes {
+            scale,
+            modes: analysis.modes,
+            work: vec![T::zero(); scaled.rows()],
+        },
+        exact: true,
         condition: if low > T::zero() { high / low } else { T::one() },
         at_least: false,
         range: [low, high].map(T::as_f64),

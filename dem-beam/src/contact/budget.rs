@@ -48,6 +48,8 @@ impl Work {
                 } else {
                     r.torque[e][c - 3]
                 };
+                // Work of the force on the velocity half a step on, and on the velocity that the force itself
+                // adds.
                 linear += f * end.middle[c];
                 square += f * f * end.inverse_inertia[c];
             }

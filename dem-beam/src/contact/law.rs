@@ -105,12 +105,14 @@ impl ContactLaw {
         } else {
             0.0
         };
+        // A full ball has `I = 2/5 m r²`, so `r²/I = 2.5/m`.
         let roll = if self.rolling > 0.0 {
             2.5 * self.shear_ratio
         } else {
             0.0
         };
         let square = 2.0 * top * (slide + roll).max(1.0);
+        // The rate `2 ζ ω` for each of the two ends.
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 

@@ -243,6 +243,7 @@ impl Criterion {
     /// Largest bending stress at either end \[Pa\].
     #[inline]
     fn bending(s: &Section, e: &Strain) -> f64 {
+        // End moments of a clamped beam, in units of `E I/l`.
         let (m, n) = (e.a * 4.0 + e.b * 2.0, e.b * 4.0 + e.a * 2.0);
         let moment = m.norm_squared().max(n.norm_squared()).sqrt();
         s.young * s.radius / e.length * moment
@@ -283,6 +284,7 @@ impl Criterion {
         let shear = s.shear * s.radius * twist;
         if self == Self::Mises {
             let tension = normal.abs() + bending;
+            // Normal stress and shear at the rim of the section, where both are largest.
             return (tension * tension + 3.0 * shear * shear).sqrt();
         }
         let tension = normal + bending;

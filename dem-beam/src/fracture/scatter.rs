@@ -42,10 +42,13 @@ impl Scatter {
         let u = uniform(identity);
         match self {
             Self::None => 1.0,
+            // The inverse of the distribution `1 − exp(−s^m)`.
             Self::Weibull { modulus } => (-(1.0 - u).ln()).powf(1.0 / modulus),
             Self::Normal { deviation } => {
                 let angle = std::f64::consts::TAU * uniform(mix(identity));
+                // Box and Muller: two uniform numbers make a normal one.
                 let z = (-2.0 * (1.0 - u).ln()).sqrt() * angle.cos();
+                // With deviations below 1/3 the cut at three keeps strengths positive.
                 1.0 + deviation * z.clamp(-3.0, 3.0)
             }
         }

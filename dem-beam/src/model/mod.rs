@@ -20,7 +20,6 @@
 mod breaking;
 pub(crate) mod forces;
 mod lazy;
-pub(crate) mod piece;
 mod portion;
 pub(crate) mod poses;
 mod recovery;
@@ -31,7 +30,6 @@ mod torn;
 mod wanting;
 mod weights;
 
-pub use piece::Piece;
 pub use report::DemReport;
 pub use select::LoadShare;
 pub use select::TOUCH;
@@ -118,7 +116,6 @@ impl DemModel {
             loose: packing.loose,
             period: None,
             rounded: true,
-            whole: None,
         };
         let matter = Matter {
             beam,
@@ -149,7 +146,6 @@ impl DemModel {
             loose: false,
             period: None,
             rounded: true,
-            whole: None,
         };
         Self::from_body(name, body, &contents, matter)
     }

@@ -83,6 +83,7 @@ impl RigidShape {
         };
         match (self, inertia) {
             (Self::Sphere { radius, .. }, value) => {
+                // A full ball: `2/5 m r²`.
                 let inertia = value.unwrap_or(0.4 * mass * radius * radius);
                 positive("moment of inertia of an obstacle", inertia)?;
                 Ok(Some((*radius, inertia)))

@@ -121,6 +121,7 @@ impl Packing {
         let largest = radii.iter().fold(0.0_f64, |m, r| m.max(*r));
         container.prepare(1.5 * largest);
         for (particle, (x, r)) in positions.iter().zip(radii).enumerate() {
+            // Packings press into their walls a little, but not by half a radius.
             let (excess, limit) = (r - container.gap(x, *r), 0.5 * r);
             if excess > limit || !(excess <= 0.0 || container.contains(x)) {
                 return Err(Error::OutsideContainer {

@@ -3,7 +3,6 @@
 pub mod around;
 mod assemble;
 pub(crate) mod bonding;
-mod bricks;
 pub(crate) mod cache;
 pub(crate) mod cells;
 mod contacts;
@@ -31,7 +30,6 @@ pub use crate::vtu::pieces_of_pvtu;
 pub use around::Around;
 pub use assemble::Packing;
 pub use bonding::{LOOSE_LIMIT, Loose};
-pub use bricks::Bricks;
 pub use container::Container;
 pub use csv::{read_csv, write_csv};
 pub use lattice::{Lattice, lattice};

@@ -111,6 +111,7 @@ fn climb(mut x: Vector3<f64>, mut step: f64, gap: impl Fn(&Vector3<f64>) -> f64)
             let Some((next, depth)) = deepest(candidates, &gap) else {
                 break;
             };
+            // Gains in the last digits would let the search wander along a ridge.
             if depth <= best * (1.0 + 1e-9) {
                 break;
             }

@@ -101,6 +101,7 @@ impl Container {
             Self::Around(a) => a.list_walls(mover, list),
             _ => {
                 let far = mover.radius + 4.0 * mover.travel;
+                // Rounded down: a sphere that is thought free must not touch.
                 let free = (self.gap(&mover.centre, far) - mover.radius) * (1.0 - 1e-6);
                 return if free > mover.travel {
                     Ok(free)

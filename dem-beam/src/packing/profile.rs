@@ -36,7 +36,10 @@ fn section(container: &Container, axis: usize, plane: f64, (radius, number): (f6
     if hits >= FEW * whole as f64 || wide.max(high) <= GRID as f64 * radius {
         return hits;
     }
+    // One to two points per section of a sphere.
     let points = ((0.5 * wide * high / (radius * radius)) as usize).clamp(whole, MOST_POINTS);
+    // Multiples of powers of the plastic number fill the square evenly, and any part of the sequence does so
+    // too.
     let place = |k: usize| [PLASTIC, PLASTIC * PLASTIC].map(|p| (0.5 + k as f64 / p).fract());
     let again = (number * points..(number + 1) * points)
         .map(place)

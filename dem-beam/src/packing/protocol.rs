@@ -207,6 +207,7 @@ impl PackingSpec {
         radii.iter_mut().for_each(|r| *r *= unit);
         let (low, high) = container.bounds();
         let largest = radii.iter().fold(0.0_f64, |m, r| m.max(*r));
+        // No place of the centre exists for a sphere wider than the body.
         if 2.0 * largest > (high - low).min() {
             return Err(Error::ContainerTooSmall {
                 count,
@@ -259,6 +260,7 @@ impl PackingSpec {
             return Err(Error::out_of_range("radius spread", self.spread, "[0, 1)"));
         }
         let ratio = (1.0 + self.spread) / (1.0 - self.spread);
+        // A spread that gives the limit exactly must pass its round-off.
         if ratio > MAX_RADIUS_RATIO * (1.0 + 1e-9) {
             return Err(Error::RadiusRatio {
                 smallest: 1.0 - self.spread,
@@ -307,6 +309,7 @@ fn spheres_per_body(count: usize, bodies: &[Container]) -> Vec<usize> {
 fn refuse_few_across(container: &Container, count: usize, start: f64) -> Result<()> {
     let (low, high) = container.bounds();
     let width = (high - low).min();
+    // Spheres grow until they jam: volumes in proportion to the volume fraction.
     let diameter = 2.0 * start * (JAMMED / START_FRACTION).cbrt();
     let across = width / diameter;
     if across >= LEAST_ACROSS || container.period().is_some() {

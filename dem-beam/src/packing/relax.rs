@@ -144,6 +144,7 @@ impl<'a> SoftSpheres<'a> {
             }
         }
         verlet_list(&mut self.cells, &self.spheres, skin, &mut self.list);
+        // Two spheres that approach each other use up the skin together.
         let travel = 0.5 * skin * (1.0 + 1e-9);
         self.walls
             .renew(self.container, &self.spheres, &self.listed, travel);
@@ -196,6 +197,7 @@ impl<'a> SoftSpheres<'a> {
                 (self.watch)(self.steps);
             }
             since_list += 1;
+            // Both spheres of a pair may have moved by `moved` towards each other.
             if 2.0 * moved > self.slack {
                 // A calm packing moves little between lists. A thinner skin then has fewer pairs to test.
                 if since_list > 40 {

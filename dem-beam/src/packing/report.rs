@@ -100,6 +100,7 @@ impl PackingReport {
         let fabric = fabric(&retained, &bonding.pairs, container.period());
         let spread = fabric
             .symmetric_eigenvalues()
+            // An isotropic fabric has three eigenvalues of one third.
             .map(|e| (3.0 * e - 1.0).abs())
             .max();
         let cube = |s: &Sphere| s[3] * s[3] * s[3];

@@ -62,12 +62,14 @@ impl Surface {
         let vertex = |i: u32| vertices[i as usize];
         let volume = triangles
             .iter()
+            // Signed tetrahedra from the origin: what lies outside of the body cancels.
             .map(|&[a, b, c]| vertex(a).dot(&vertex(b).cross(&vertex(c))) / 6.0)
             .sum::<f64>();
         // Vertices of no triangle may lie anywhere and do not count.
         let used = || triangles.iter().flatten().map(|&i| vertex(i));
         let low = used().fold(Vector3::repeat(f64::INFINITY), |m, v| m.inf(&v));
         let high = used().fold(Vector3::repeat(f64::NEG_INFINITY), |m, v| m.sup(&v));
+        // Not above round-off: a flat surface, or one that is turned inside out.
         if volume.is_nan() || volume <= 1e-12 * (high - low).product() {
             return Err(Error::NoVolume { volume });
         }
@@ -216,6 +218,7 @@ fn balls(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Vec<[f64; 4]> {
         let corners = t.map(|i| vertices[i as usize]);
         let middle = corners.iter().sum::<Vector3<f64>>() / 3.0;
         let radius = corners.iter().fold(0.0_f64, |r, x| r.max((x - middle).norm()));
+        // Rounded up, so that no triangle is passed over whose corner lies on the ball.
         [middle.x, middle.y, middle.z, radius * (1.0 + 1e-12)]
     };
     triangles.iter().map(ball).collect()
@@ -238,6 +241,7 @@ pub fn winding(x: &Vector3<f64>, triangles: impl Iterator<Item = [Vector3<f64>; 
         let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
         let det = a.dot(&b.cross(&c));
         let den = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+        // `atan2` keeps the sign and the angles beyond a half-space, where a quotient would lose both.
         angle += 2.0 * det.atan2(den);
     }
     angle / (4.0 * std::f64::consts::PI)

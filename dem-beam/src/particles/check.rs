@@ -92,13 +92,3 @@ pub(super) fn make_bond(
     }
     LinearBond::new(Vector3::zeros(), d, 1.0)
 }
-
-/// Returns the largest component of all bond vectors \[m\].
-pub(crate) fn longest(positions: &[Vector3<f64>], radii: &[f64], pairs: &[[u32; 2]]) -> Result<f64> {
-    let mut longest = 0.0_f64;
-    for (b, &pair) in pairs.iter().enumerate() {
-        let bond = make_bond(b, pair, positions, radii, None)?;
-        longest = longest.max(bond.span().amax());
-    }
-    Ok(longest)
-}

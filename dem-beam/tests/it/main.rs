@@ -2,7 +2,6 @@
 
 mod around;
 mod bond;
-mod bricks;
 mod bulk;
 mod closed_forms;
 mod contact;

@@ -1,9 +1,10 @@
 //! Contact between two models of a scene: ledger, comparison, watchdog, restart, refusals.
 
-use crate::common::{arlequin, command, number, scene, scratch, succeed, summary, text, unwrapped};
+use crate::common::{
+    arlequin, command, number, scene, scratch, succeed, summary, text, unwrapped, wait_while_running,
+};
 use std::path::Path;
 use std::process::Stdio;
-use std::time::Duration;
 
 /// A cube of spheres that falls on another one, and a solid beside them.
 const TWO: &str = r#"
@@ -158,9 +159,10 @@ fn a_run_killed_in_mid_contact_resumes_with_the_same_bits() {
         .spawn()
         .expect("starts");
     let place = torn.with_extension("unfinished").join("checkpoint.bin");
-    while !place.exists() && child.try_wait().expect("child").is_none() {
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    assert!(
+        wait_while_running(&mut child, || place.exists()),
+        "ended by itself"
+    );
     child.kill().expect("killed");
     child.wait().expect("ended");
     succeed(&["resume", text(&torn)]);

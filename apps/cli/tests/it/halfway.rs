@@ -1,9 +1,10 @@
 //! Runs that are killed half way and resumed: the report covers the whole run, and changed input is noticed.
 
-use crate::common::{SMALL, WAKING, arlequin, changed, number, succeed, summary, text, written};
+use crate::common::{
+    SMALL, WAKING, arlequin, changed, number, succeed, summary, text, wait_while_running, written,
+};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::time::Duration;
 
 /// Runs a scene that writes one checkpoint about half way, kills it there, and returns the folder to resume.
 fn killed_half_way(scene: &Path) -> PathBuf {
@@ -16,9 +17,7 @@ fn killed_half_way(scene: &Path) -> PathBuf {
             .stderr(Stdio::null())
             .spawn()
             .expect("starts");
-        while !checkpoint.exists() && child.try_wait().expect("waits").is_none() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        wait_while_running(&mut child, || checkpoint.exists());
         let _ = child.kill();
         child.wait().expect("ends");
         if checkpoint.exists() {

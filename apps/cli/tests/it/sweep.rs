@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at what it did not expect")]
 
 use crate::common::sweeps::{SWEEP, folder};
-use crate::common::{arlequin, number, succeed, text};
+use crate::common::{arlequin, number, succeed, text, wait_while_running};
 use serde_json::Value;
 use std::path::Path;
 
@@ -369,10 +369,8 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
             .any(|f| f.starts_with(label))
     };
     let finished = |label: &str| out.join("runs").join(label).join("member.json");
-    while !(finished("all-coarse=0.2").exists() && begun("h=0.05.log")) {
-        assert!(sweep.try_wait().unwrap().is_none(), "ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(2));
-    }
+    let is_due = || finished("all-coarse=0.2").exists() && begun("h=0.05.log");
+    assert!(wait_while_running(&mut sweep, is_due), "ended by itself");
     std::thread::sleep(std::time::Duration::from_millis(100));
     let group = format!("-{}", sweep.id());
     let sent = std::process::Command::new("kill")

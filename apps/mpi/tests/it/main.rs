@@ -6,6 +6,5 @@ mod interfaces;
 mod loaded_parts;
 mod natural;
 mod particles;
-mod pieces;
 mod support;
 mod touching_parts;

@@ -6,8 +6,7 @@
 use crate::error::{Error, Result, core, key, value};
 use crate::run::PhaseClock;
 use crate::scene::Scene;
-use crate::setup::{self, Built, Readings};
-use crate::spec::SceneSpec;
+use crate::setup::{self, Built, LoweredScene, Readings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -118,7 +117,7 @@ fn messages(findings: BTreeMap<(String, &'static str), String>) -> Vec<String> {
 }
 
 /// Copies of the scene, each with one of the enabled effects switched off.
-fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
+fn variants(scene: &LoweredScene) -> Vec<(String, LoweredScene)> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let mut without = scene.clone();
@@ -144,7 +143,7 @@ fn variants(scene: &SceneSpec) -> Vec<(String, SceneSpec)> {
     out
 }
 
-fn trace(scene: &SceneSpec, folder: &Path) -> Result<Trace> {
+fn trace(scene: &LoweredScene, folder: &Path) -> Result<Trace> {
     steps(setup::build(scene, folder)?)
 }
 

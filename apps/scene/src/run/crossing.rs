@@ -2,8 +2,7 @@
 //! the run if the scene asks for it.
 
 use crate::output::summary::OverlapBreak;
-use crate::setup;
-use crate::spec::{Effect, EffectKind, SceneSpec};
+use crate::setup::{self, LoweredScene};
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{CRACK, SharedLog, locked};
 
@@ -34,7 +33,7 @@ impl Crossing {
     /// Returns the messages about the step just made, and whether the scene ends the run there.
     pub(crate) fn watch(
         &mut self,
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         run: &Coupled<f64>,
         breaks: &[Option<SharedLog>],
     ) -> (Vec<String>, bool) {
@@ -45,7 +44,7 @@ impl Crossing {
             }
             *reported = true;
             messages.extend(of_model(run, m, breaks[m].as_ref()).map(|line| line.to_string()));
-            ends |= stops(scene, m);
+            ends |= setup::stops_at_overlap(scene, m);
         }
         (messages, ends)
     }
@@ -71,13 +70,4 @@ fn of_model(run: &Coupled<f64>, m: usize, breaks: Option<&SharedLog>) -> Option<
         place: first.place.into(),
         bonds: log.events().iter().filter(|e| e.overlap).count(),
     })
-}
-
-/// Returns whether an effect of the scene ends the run when a crack of model `m` runs into an overlap.
-fn stops(scene: &SceneSpec, m: usize) -> bool {
-    let stopping = |(k, e): (usize, &Effect)| {
-        let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
-        stops && setup::effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
-    };
-    scene.effect.iter().enumerate().any(stopping)
 }

@@ -6,8 +6,8 @@ use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::LoadStep;
 use crate::output::tables::Table;
 use crate::output::{Entry, Frames};
-use crate::setup::{ProbeReader, Readings};
-use crate::spec::{Curve, SceneSpec};
+use crate::setup::{LoweredScene, ProbeReader, Readings};
+use crate::spec::Curve;
 use arlequin::core::{Coupled, EnergySample, Observer, Phase, StepReport};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -307,7 +307,7 @@ impl Recorder {
     }
 
     /// Returns the curves of a scene. A curve whose probe has no reader is left out.
-    pub(super) fn curves(&self, scene: &SceneSpec) -> Vec<CurveLine> {
+    pub(super) fn curves(&self, scene: &LoweredScene) -> Vec<CurveLine> {
         let line = |(name, c): (&String, &Curve)| {
             Some(CurveLine {
                 name: name.clone(),

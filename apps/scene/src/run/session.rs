@@ -14,7 +14,7 @@ use crate::output::{Frames, Pictures};
 use crate::ranks::RankLine;
 use crate::scene::Scene;
 use crate::setup::packing::PackingLine;
-use crate::setup::{Bounds, Built, Grid, LoadSteps, ParticlesWithoutContact, PhaseTime};
+use crate::setup::{Bounds, Built, Grid, LoadSteps, ModelInfo, ParticlesWithoutContact, PhaseTime};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
@@ -49,6 +49,30 @@ pub(crate) struct Session<'a> {
     pub(super) holdings: Vec<RankLine>,
     /// Number of the coupled run's warnings that the observer has received.
     passed_warnings: usize,
+}
+
+/// Prepares the frames of a run; with `pieces`, each rank writes its part of the partitioned models.
+fn frames_of(
+    scene: &Scene,
+    keep: &Keep,
+    run: &Coupled<f64>,
+    (models, pictures): (Vec<ModelInfo>, Pictures),
+    pieces: bool,
+) -> Result<Frames> {
+    let settings = &scene.spec().output;
+    let format = writer(settings)?;
+    let folder = keep.folder.as_ref().map(|f| f.subfolder(format.name()));
+    let folder = folder.transpose()?;
+    let frames = if pieces {
+        // The parts have grids of their own; this frees the whole ones.
+        drop(models);
+        let folder = folder.unwrap_or_else(|| keep.frames(format.name()));
+        Frames::in_pieces(folder, &settings.fields, run, pictures, scene.ranks())?
+    } else {
+        let pictures = Pictures { models, ..pictures };
+        Frames::new(folder, &settings.fields, run, pictures)
+    };
+    Ok(frames.with_format(format))
 }
 
 impl<'a> Session<'a> {
@@ -90,24 +114,10 @@ impl<'a> Session<'a> {
         let fragments = Fragments::new(&built.run, &built.models)?;
         let packings = built.models.iter().map(|d| d.packing.clone()).collect();
         let models = built.models;
-        let frames = match &keep {
-            None => None,
-            Some(keep) => {
-                let format = writer(settings)?;
-                let folder = keep.folder.as_ref().map(|f| f.subfolder(format.name()));
-                let folder = folder.transpose()?;
-                let frames = if pieces {
-                    // The parts have grids of their own; this frees the whole ones.
-                    drop(models);
-                    let folder = folder.unwrap_or_else(|| keep.frames(format.name()));
-                    Frames::in_pieces(folder, &settings.fields, &built.run, pictures, ranks)?
-                } else {
-                    let pictures = Pictures { models, ..pictures };
-                    Frames::new(folder, &settings.fields, &built.run, pictures)
-                };
-                Some(frames.with_format(format))
-            }
-        };
+        let frames = keep
+            .as_ref()
+            .map(|keep| frames_of(scene, keep, &built.run, (models, pictures), pieces));
+        let frames = frames.transpose()?;
         // A checkpoint has the first state. Its files need not agree with those that this number of ranks
         // would write.
         let recorded = saved.is_some() || built.load_steps.is_some();

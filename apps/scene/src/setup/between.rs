@@ -4,7 +4,8 @@ use super::body::Body;
 use super::grains;
 use super::names::{contact_sides, sides_of};
 use crate::error::{Result, dem, key};
-use crate::spec::{EffectKind, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::EffectKind;
 use arlequin::core::Coupled;
 use arlequin::core::effect::{Finding, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
@@ -18,7 +19,7 @@ fn ordered([a, b]: [usize; 2]) -> [usize; 2] {
 }
 
 /// Enabled contacts between models: number of the effect, numbers of the models.
-pub(super) fn touching(scene: &SceneSpec) -> Result<Vec<(usize, [usize; 2])>> {
+pub(super) fn touching(scene: &LoweredScene) -> Result<Vec<(usize, [usize; 2])>> {
     let mut out = Vec::new();
     let mut pairs_seen = BTreeSet::new();
     for (k, e) in scene.effect.iter().enumerate() {
@@ -39,7 +40,7 @@ fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
 }
 
 /// Builds the contacts between two models of a scene.
-pub(super) fn pairs(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
+pub(super) fn pairs(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
     let mut out = Vec::new();
     for (k, [a, b]) in touching(scene)? {
         let (EffectKind::Contact(contact), Some(first), Some(second)) =
@@ -69,7 +70,7 @@ pub struct ParticlesWithoutContact(Vec<([usize; 2], [ContactBody; 2])>);
 
 impl ParticlesWithoutContact {
     /// Finds these pairs in a scene.
-    pub(super) fn from_scene(scene: &SceneSpec, bodies: &[Body]) -> Result<Self> {
+    pub(super) fn from_scene(scene: &LoweredScene, bodies: &[Body]) -> Result<Self> {
         let mut connected: BTreeSet<[usize; 2]> =
             touching(scene)?.into_iter().map(|(_, p)| ordered(p)).collect();
         for (name, i) in &scene.interface {

@@ -2,9 +2,9 @@
 
 use super::mesh::Grid;
 use crate::error::Result;
+use crate::setup::BodyShape;
 use crate::setup::packing::PackingLine;
 use crate::setup::skin::Skin;
-use crate::spec::Shape;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::{Interpolation, Materials, Model, Participant};
 use arlequin::dem_beam::ContactBody;
@@ -36,7 +36,7 @@ pub struct Body {
     /// Materials of the elements; `None` for a link.
     pub materials: Option<Materials<f64>>,
     /// Shape of the body.
-    pub shape: Shape,
+    pub shape: BodyShape,
     /// Data that only particles have.
     pub grains: Option<Grains>,
     /// Warnings for the user, without the name of the model.

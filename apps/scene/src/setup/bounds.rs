@@ -1,6 +1,7 @@
 //! Bounds of a plausible motion, checked before the first step and during the run.
 
 use super::shapes::corners;
+use crate::setup::BodyShape;
 use crate::spec::Shape;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Elastic, Owned};
@@ -26,7 +27,7 @@ impl Bounds {
     pub(super) fn add(
         &mut self,
         nodes: &[Point3<f64>],
-        shape: &Shape,
+        shape: &BodyShape,
         material: Option<&Elastic<f64>>,
         small: bool,
     ) {
@@ -36,8 +37,8 @@ impl Bounds {
             // Without a known material, any speed is plausible.
             wave: material.map_or(f64::INFINITY, Elastic::p_wave_speed),
             extent: size.max(),
-            section: match shape {
-                Shape::Bar { section, .. } => *section,
+            section: match shape.given() {
+                Some(Shape::Bar { section, .. }) => *section,
                 _ => size.product() / size.max(),
             },
             small,

@@ -2,16 +2,17 @@
 
 use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
-use super::names::{SOLID, effect_models, model_index, model_indices, parts, with_parts};
+use super::names::{SOLID, effect_models, headline, model_index, model_indices, parts, with_parts};
 use super::time::time_function;
-use super::{load, shared, support};
-use crate::error::{Result, core, key, value};
-use crate::spec::{Axis, Effect, EffectKind, Field, Initial, SceneSpec, Spin, Wave};
+use super::{fracture, grains, load, shared, support};
+use crate::error::{Result, core, dem, key, value};
+use crate::setup::LoweredScene;
+use crate::spec::{Axis, Effect, EffectKind, Field, Initial, Spin, Wave};
 use arlequin::core::effect::{
     self, BodyForce, BulkViscosity, LocalDamping, MassDamping, Prestress, StiffnessDamping,
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Elastic, PrescribedMotion, Subdomain};
+use arlequin::core::{Elastic, PrescribedMotion, Subdomain, invalid};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
@@ -31,7 +32,7 @@ pub(super) struct Attachments {
 impl Attachments {
     /// Builds supports, loads and effects of a scene.
     pub(super) fn from_scene(
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         bodies: &mut [Body],
         joints: &[BuiltInterface],
         folder: &Path,
@@ -87,8 +88,35 @@ impl Attachments {
     }
 }
 
+/// Checks the numbers of effect `k` before anything is built.
+pub(super) fn check(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
+    let path = format!("effect[{k}].{}", e.kind.key());
+    match &e.kind {
+        EffectKind::Fracture(f) => fracture::check(k, e, f, scene),
+        // Any modulus: only the other numbers are checked.
+        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
+        EffectKind::Obstacle(o) => {
+            headline(&path, o.name.as_deref())?;
+            grains::obstacle_parts(k, o)?;
+            let law = grains::law(1.0, &o.contact);
+            law.check().map_err(dem(format!("{path}.contact")))
+        }
+        EffectKind::BulkViscosity(b) if b.coefficient < 0.0 => {
+            let rule = "must not be negative [-]; the usual one is 0.06";
+            let wrong = invalid("bulk viscosity coefficient", b.coefficient, rule);
+            Err(core(format!("{path}.coefficient"))(wrong))
+        }
+        EffectKind::BodyForce(_)
+        | EffectKind::MassDamping(_)
+        | EffectKind::StiffnessDamping(_)
+        | EffectKind::LocalDamping(_)
+        | EffectKind::BulkViscosity(_)
+        | EffectKind::Prestress(_) => simple_effect(k, e).map(|_| ()),
+    }
+}
+
 /// Builds an effect that does not depend on the body; `None` for the other kinds.
-pub(super) fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
+fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     let located = |name: &str| core(format!("effect[{k}].{}.{name}", e.kind.key()));
     Ok(Some(match &e.kind {
         EffectKind::BodyForce(b) => {
@@ -113,11 +141,13 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     if !e.enabled {
         return Ok(None);
     }
-    if let Some(simple) = simple_effect(k, e)? {
-        return Ok(Some(simple));
-    }
     let path = format!("effect[{k}].{}", e.kind.key());
     match &e.kind {
+        EffectKind::BodyForce(_)
+        | EffectKind::MassDamping(_)
+        | EffectKind::StiffnessDamping(_)
+        | EffectKind::LocalDamping(_)
+        | EffectKind::Prestress(_) => simple_effect(k, e),
         EffectKind::BulkViscosity(b) => {
             if body.model.layout().components != 3 {
                 let rule = format!("needs {SOLID}, which model '{}' is not", body.model.name());
@@ -133,15 +163,17 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
             Ok(Some(Box::new(viscosity)))
         }
         EffectKind::Fracture(_) => Ok(None),
-        _ => match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
-            None => Err(key(path, "is made for no model; remove it")),
-            effect => Ok(effect),
-        },
+        EffectKind::Contact(_) | EffectKind::Obstacle(_) => {
+            match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
+                None => Err(key(path, "is made for no model; remove it")),
+                effect => Ok(effect),
+            }
+        }
     }
 }
 
 /// Initial displacements and velocities of model `m`.
-pub(super) fn initial(scene: &SceneSpec, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
+pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
     let (mut q, mut v) = (vec![0.0; layout.dofs()], vec![0.0; layout.dofs()]);
     for (k, i) in scene.initial.iter().enumerate() {

@@ -7,7 +7,8 @@ use super::mesh::volume_of;
 use super::packing::Likeness;
 use super::shapes::corners;
 use crate::error::{Error, Result, fem, key, value};
-use crate::spec::{DemTable, LooseKind, ModelTable, Protocol, Shape};
+use crate::setup::{BodyShape, LoweredModel};
+use crate::spec::{DemTable, LooseKind, Material, Protocol, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::calibrate::RATIOS;
 use arlequin::dem_beam::packing::size::{mean_diameter, sphere_count};
@@ -54,14 +55,29 @@ pub struct Filling {
 
 impl Filling {
     /// Builds the container for the shape of a table; file names are relative to `folder`.
-    pub fn from_table(key: &str, table: &ModelTable, folder: &Path) -> Result<Self> {
+    pub fn from_table(key: &str, table: &LoweredModel, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {
             container,
             shift,
             faces: BTreeMap::new(),
             mesh: None,
         };
-        match &table.shape {
+        let shape = match &table.shape {
+            BodyShape::Given(shape) => shape,
+            BodyShape::Piece(piece) => {
+                let (triangles, mesh) = piece.surface(folder)?;
+                let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
+                return match table.dem.file {
+                    // Spheres read from a file belong to the zone already.
+                    Some(_) => Ok(filling),
+                    None => {
+                        filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin))
+                    }
+                };
+            }
+            BodyShape::Remote => return Err(unfilled(key, table)),
+        };
+        match shape {
             Shape::Box { hole: Some(_), .. } => {
                 let rule = "spheres fill a whole box; remove the hole, or give the outer surface in a file";
                 Err(crate::error::key(format!("{key}.shape.box.hole"), rule))
@@ -76,29 +92,21 @@ impl Filling {
                 let container = container.map_err(dem(&format!("{key}.shape.cylinder")))?;
                 Ok(plain(container, Vector3::from(*from)))
             }
-            Shape::Bar { .. } | Shape::Linked => {
-                let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
-                Err(value(format!("{key}.shape"), table.shape.name(), rule))
-            }
+            Shape::Bar { .. } => Err(unfilled(key, table)),
             Shape::Ball { centre, radius } => {
                 let ball = generate::ball(ElementKind::Hex8, Point3::from(*centre), *radius, radius / SIDES);
                 let mesh = ball.map_err(fem(format!("{key}.shape.ball")))?;
                 Self::inside_triangles(key, gmsh::triangles_of(&mesh), None)
             }
-            Shape::Piece(piece) => {
-                let (triangles, mesh) = piece.surface(folder)?;
-                let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
-                match table.dem.file {
-                    // Spheres read from a file belong to the zone already.
-                    Some(_) => Ok(filling),
-                    None => {
-                        filling.with_surroundings(key, table, |margin| piece.extended_surface(folder, margin))
-                    }
-                }
-            }
             Shape::File(path) => file(key, table, &folder.join(path)),
         }
     }
+}
+
+/// Error of a shape that spheres cannot fill.
+fn unfilled(key: &str, table: &LoweredModel) -> Error {
+    let rule = "spheres fill a box, a cylinder, a ball or the surface in a file; choose one, or another kind of model";
+    value(format!("{key}.shape"), table.shape.name(), rule)
 }
 
 impl Filling {
@@ -115,7 +123,7 @@ impl Filling {
 }
 
 /// Builds the container inside a closed surface in a file.
-fn file(key: &str, table: &ModelTable, path: &Path) -> Result<Filling> {
+fn file(key: &str, table: &LoweredModel, path: &Path) -> Result<Filling> {
     let key_path = format!("{key}.shape.file");
     if table.scale <= 0.0 {
         let rule = "must be positive [m]: 1e-3 for a file in millimetres";
@@ -148,7 +156,7 @@ impl Filling {
     fn with_surroundings(
         self,
         key: &str,
-        table: &ModelTable,
+        table: &LoweredModel,
         surroundings: impl FnOnce(f64) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)>,
     ) -> Result<Self> {
         let Container::Surface(part) = &self.container else {
@@ -205,7 +213,7 @@ pub enum Recipe {
 
 impl Recipe {
     /// Returns the source that a table asks for, in the frame of the container.
-    pub fn from_table(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<Self> {
+    pub fn from_table(path: &str, table: &LoweredModel, folder: &Path, filling: &Filling) -> Result<Self> {
         match &table.dem.file {
             Some(file) => read(path, table, &folder.join(file), filling).map(|p| Self::Read(Box::new(p))),
             None => {
@@ -220,7 +228,7 @@ impl Recipe {
     }
 
     /// Checks what can be checked before a file is read or anything is packed.
-    pub(super) fn check(path: &str, table: &ModelTable, folder: &Path, filling: &Filling) -> Result<()> {
+    pub(super) fn check(path: &str, table: &LoweredModel, folder: &Path, filling: &Filling) -> Result<()> {
         let Some(file) = &table.dem.file else {
             return count(path, table, &filling.container).map(|_| ());
         };
@@ -246,7 +254,7 @@ impl Recipe {
 }
 
 /// Returns the packing protocol with the choices of the table.
-pub fn spec(table: &ModelTable, container: Container, count: usize) -> PackingSpec {
+pub fn spec(table: &LoweredModel, container: Container, count: usize) -> PackingSpec {
     let DemTable {
         seed,
         protocol,
@@ -274,7 +282,7 @@ fn fate(kind: LooseKind) -> Loose {
     }
 }
 
-fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize> {
+fn count(path: &str, table: &LoweredModel, container: &Container) -> Result<usize> {
     let volume = container.volume();
     match (table.dem.count, table.spacing) {
         // The count of a table is for the zone; the margin around it needs spheres in proportion to its
@@ -311,7 +319,7 @@ fn count(path: &str, table: &ModelTable, container: &Container) -> Result<usize>
 }
 
 /// Refuses choices for a packing in addition to a file of spheres.
-fn alone(path: &str, table: &ModelTable) -> Result<()> {
+fn alone(path: &str, table: &LoweredModel) -> Result<()> {
     let t = &table.dem;
     let choices = [
         ("spacing", table.spacing.is_some()),
@@ -327,7 +335,7 @@ fn alone(path: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Reads spheres from a file and bonds them as the protocol does.
-fn read(path: &str, table: &ModelTable, file: &Path, filling: &Filling) -> Result<Packing> {
+fn read(path: &str, table: &LoweredModel, file: &Path, filling: &Filling) -> Result<Packing> {
     let t = &table.dem;
     alone(path, table)?;
     let key_path = format!("{path}.dem.file");
@@ -363,7 +371,7 @@ fn cache() -> Option<PathBuf> {
 }
 
 /// Returns the beam material of a table.
-pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
+pub fn beam(path: &str, table: &LoweredModel) -> Result<BeamMaterial> {
     let DemTable {
         young,
         poisson,
@@ -374,13 +382,14 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
         let rule = "decides the stiffness together with dem.young; give both";
         return Err(key(format!("{path}.dem.radius_ratio"), rule));
     }
-    if let (Some(ratio), None, None) = (ratio_from_table(table), young, poisson) {
+    let given = table.known_material(path)?;
+    if let (Some(ratio), None, None) = (ratio_from_table(table, given), young, poisson) {
         let [low, high] = BeamMaterial::BULK_POISSON;
         let nearest = ratio.clamp(low, high);
-        return BeamMaterial::from_bulk(table.material.young, nearest).map_err(dem(format!("{path}.dem")));
+        return BeamMaterial::from_bulk(given.young, nearest).map_err(dem(format!("{path}.dem")));
     }
     let beam = BeamMaterial {
-        young: young.unwrap_or(YOUNG_RATIO * table.material.young),
+        young: young.unwrap_or(YOUNG_RATIO * given.young),
         poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
         radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
     };
@@ -402,16 +411,18 @@ pub fn beam(path: &str, table: &ModelTable) -> Result<BeamMaterial> {
 
 /// Poisson's ratio for which beams are chosen by the table of measured packings; `None` where the beams of
 /// 0.71 mean radii fit (0.174) within the scatter between packings: strengths are calibrated with them.
-fn ratio_from_table(table: &ModelTable) -> Option<f64> {
-    let wanted = table.material.poisson;
+fn ratio_from_table(table: &LoweredModel, material: &Material) -> Option<f64> {
+    let wanted = material.poisson;
     match table.shape {
-        Shape::Piece(_) => Some(wanted.unwrap_or(0.0)),
-        _ => wanted.filter(|nu| (nu - BeamMaterial::SILICA.bulk()[1]).abs() > ALIKE[1]),
+        BodyShape::Piece(_) => Some(wanted.unwrap_or(0.0)),
+        BodyShape::Given(_) | BodyShape::Remote => {
+            wanted.filter(|nu| (nu - BeamMaterial::SILICA.bulk()[1]).abs() > ALIKE[1])
+        }
     }
 }
 
 /// Warning about beams that are wider than those of the table of measured packings.
-pub(super) fn beyond_the_table(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
+pub(super) fn beyond_the_table(table: &LoweredModel, beam: &BeamMaterial) -> Option<String> {
     let [low, high] = BeamMaterial::BULK_RATIOS;
     let ratio = table.dem.radius_ratio.filter(|r| !(low..=high).contains(r))?;
     let [young, poisson] = beam.bulk();
@@ -422,12 +433,12 @@ pub(super) fn beyond_the_table(table: &ModelTable, beam: &BeamMaterial) -> Optio
 }
 
 /// Warning if the packing of a model that is no zone differs from the `material` of its table.
-pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Option<String> {
-    if let Shape::Piece(_) = table.shape {
+pub(super) fn unlike_its_material(table: &LoweredModel, beam: &BeamMaterial) -> Option<String> {
+    if let BodyShape::Piece(_) = table.shape {
         return None;
     }
     let [young, poisson] = beam.bulk();
-    let (m, t) = (&table.material, &table.dem);
+    let (m, t) = (table.material?, &table.dem);
     let mut unlike = Vec::new();
     if (young / m.young - 1.0).abs() > ALIKE[0] {
         unlike.push(format!(
@@ -455,14 +466,15 @@ pub(super) fn unlike_its_material(table: &ModelTable, beam: &BeamMaterial) -> Op
 /// Warning if the packing of a zone is stiffer or softer than the body around it, by the measured stiffness
 /// or by the known one of its beams.
 pub(super) fn unlike_the_body(
-    table: &ModelTable,
+    table: &LoweredModel,
     beam: &BeamMaterial,
     likeness: Option<&Likeness>,
 ) -> Option<String> {
-    let Shape::Piece(_) = table.shape else {
+    let BodyShape::Piece(_) = table.shape else {
         return None;
     };
-    let [body_young, ratio] = [table.material.young, table.material.poisson.unwrap_or(0.0)];
+    let given = table.material?;
+    let [body_young, ratio] = [given.young, given.poisson.unwrap_or(0.0)];
     let [young, poisson] = match likeness {
         Some(measured) => [body_young * measured.stiffness, beam.bulk()[1]],
         None => beam.bulk(),

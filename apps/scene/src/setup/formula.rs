@@ -2,7 +2,8 @@
 
 use super::files;
 use crate::error::{Error, Result, key, value};
-use crate::spec::{EffectKind, SceneSpec, TimeShape};
+use crate::setup::LoweredScene;
+use crate::spec::TimeShape;
 use arlequin::core::Formula;
 use std::path::Path;
 
@@ -314,7 +315,7 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
 
 /// Refuses an expression that is not finite at one of 1001 times of the run, or at a load step: otherwise the
 /// run would fail later without naming the expression.
-fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
+fn finite(path: &str, text: &str, scene: &LoweredScene) -> Result<()> {
     let f = formula(path, text)?;
     let listed = scene.statics.as_ref().and_then(|s| s.times.clone());
     let end = scene.statics.as_ref().map(|s| s.end).or(scene.time.end);
@@ -341,7 +342,7 @@ fn finite(path: &str, text: &str, scene: &SceneSpec) -> Result<()> {
 }
 
 /// Returns the scene with the tables of files in place of their names; checks all expressions.
-pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec> {
+pub(super) fn with_tables(scene: &LoweredScene, folder: &Path) -> Result<LoweredScene> {
     let mut out = scene.clone();
     let read = |path: String, shape: &mut TimeShape| {
         match shape {
@@ -360,14 +361,9 @@ pub(super) fn with_tables(scene: &SceneSpec, folder: &Path) -> Result<SceneSpec>
         read(format!("load[{k}].time"), &mut l.time)?;
     }
     for (k, e) in out.effect.iter_mut().enumerate() {
-        match &mut e.kind {
-            EffectKind::Obstacle(o) => {
-                if let Some(m) = &mut o.displacement {
-                    read(format!("effect[{k}].obstacle.displacement.time"), &mut m.time)?;
-                }
-            }
-            EffectKind::BodyForce(b) => read(format!("effect[{k}].body_force.time"), &mut b.time)?,
-            _ => {}
+        let path = format!("effect[{k}].{}", e.kind.key());
+        if let Some((name, time)) = e.kind.time_mut() {
+            read(format!("{path}.{name}"), time)?;
         }
     }
     Ok(out)

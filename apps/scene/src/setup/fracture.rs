@@ -1,11 +1,14 @@
-//! `fracture` of particles: criterion, strength or fracture energy, scatter.
+//! `fracture` of particles: criterion, strength or fracture energy, scatter. A scene lists it among its
+//! effects; in the set-up it is an option of the particle model: bonds break without a force of their own.
 
 use super::filling::beam;
-use super::packing::Toughness;
+use super::names::effect_models;
+use super::packing::{PackingLine, Toughness};
 use crate::error::{Result, dem, key};
-use crate::spec::{self, CriterionKind, ModelTable};
-use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
-use arlequin::dem_beam::{Criterion, Fracture, Scatter};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{self, CriterionKind, Effect, EffectKind};
+use arlequin::dem_beam::fracture::{SharedLog, diameter_of_both, tensile_strength};
+use arlequin::dem_beam::{Criterion, DemModel, Fracture, Scatter};
 
 /// Strength of the beams over that of the body, without scatter (docs/calibration.md).
 const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
@@ -14,15 +17,67 @@ const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
     (Criterion::Mises, 12.0),
 ];
 
+/// Fracture of a model that is being built.
+#[derive(Default)]
+pub(super) struct Breaking {
+    /// Log of broken bonds, if fracture is on.
+    pub log: Option<SharedLog>,
+    /// True if the scene has fracture for the model, enabled or not.
+    pub brittle: bool,
+}
+
+/// Gives the bonds of a model their strengths, and its packing the toughness that follows.
+///
+/// # Errors
+/// Those of [`fracture`], and of bonds that cannot have such strengths.
+pub(super) fn apply(
+    mut model: DemModel,
+    (name, table): (&str, &LoweredModel),
+    effects: &[(usize, &Effect)],
+    packing: &mut PackingLine,
+) -> Result<(DemModel, Breaking)> {
+    let mut out = Breaking::default();
+    for (k, e) in effects {
+        let EffectKind::Fracture(f) = &e.kind else {
+            continue;
+        };
+        out.brittle = true;
+        let path = format!("effect[{k}].fracture");
+        let spec = fracture(&path, f, (name, table))?;
+        packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
+        // With fracture off, the strengths only serve the warning that bonds would break.
+        if !e.enabled {
+            model = model.with_watched_strength(spec).map_err(dem(&path))?;
+        } else {
+            model = model.with_fracture(spec).map_err(dem(&path))?;
+            out.log = Some(model.break_log());
+        }
+    }
+    Ok((model, out))
+}
+
+/// Checks the fracture that effect `k` gives to its models.
+pub(super) fn check(k: usize, e: &Effect, f: &spec::Fracture, scene: &LoweredScene) -> Result<()> {
+    let (path, models) = (format!("effect[{k}].fracture"), effect_models(k, e, scene)?);
+    let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
+    tables
+        .try_for_each(|(_, (name, table))| fracture(&path, f, (&format!("model.{name}"), table)).map(|_| ()))
+}
+
+/// Returns whether the scene ends the run when a crack of model `m` runs into an overlap.
+pub(crate) fn stops_at_overlap(scene: &LoweredScene, m: usize) -> bool {
+    let stopping = |(k, e): (usize, &Effect)| {
+        let stops = e.enabled && matches!(&e.kind, EffectKind::Fracture(f) if f.stop_at_overlap);
+        stops && effect_models(k, e, scene).is_ok_and(|models| models.contains(&m))
+    };
+    scene.effect.iter().enumerate().any(stopping)
+}
+
 /// Returns when the bonds of a model break.
 ///
 /// # Errors
 /// Keys that are missing or exclude each other; values out of range.
-pub(super) fn fracture(
-    path: &str,
-    f: &spec::Fracture,
-    (name, model): (&str, &ModelTable),
-) -> Result<Fracture> {
+fn fracture(path: &str, f: &spec::Fracture, (name, model): (&str, &LoweredModel)) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },
@@ -30,8 +85,14 @@ pub(super) fn fracture(
         (None, None) => Scatter::None,
     };
     let ratio = beam(name, model)?.radius_ratio;
+    let young = model.known_material(name)?.young;
     let base = match (f.gc, f.strength) {
-        (Some(gc), Some(strength)) => return Err(key(path, contradiction(f, [gc, strength, ratio], model))),
+        (Some(gc), Some(strength)) => {
+            return Err(key(
+                path,
+                contradiction(f, [gc, strength, ratio], (young, model.spacing)),
+            ));
+        }
         (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc, ratio).map_err(dem(path))?,
         (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
         (None, Some(_)) => {
@@ -67,7 +128,11 @@ fn criterion(f: &spec::Fracture) -> Criterion {
 }
 
 /// Describes what a fracture energy and a strength each imply, and when both hold.
-fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &ModelTable) -> String {
+fn contradiction(
+    f: &spec::Fracture,
+    [gc, strength, ratio]: [f64; 3],
+    (young, diameter): (f64, Option<f64>),
+) -> String {
     let criterion = criterion(f);
     let both = format!("gc = {gc:e} J/m2 and strength = {strength:e} exclude each other");
     if let (Some(_), Some(share)) = (f.criterion, criterion.released_share(ratio)) {
@@ -77,8 +142,7 @@ fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &Mo
             share * strength
         );
     }
-    let young = model.material.young;
-    let implied = model.spacing.map_or(String::new(), |d| {
+    let implied = diameter.map_or(String::new(), |d| {
         let body = tensile_strength(young, gc, d);
         format!("gc gives a body of spheres of {d:.3e} m a strength in tension of {body:.2e} Pa; ")
     });
@@ -100,11 +164,11 @@ fn contradiction(f: &spec::Fracture, [gc, strength, ratio]: [f64; 3], model: &Mo
 
 /// Returns the strength in tension of a model with spheres of this mean diameter \[m\] that follows from the
 /// fracture energy, if one is given.
-pub(super) fn toughness(f: &spec::Fracture, model: &ModelTable, diameter: f64) -> Option<Toughness> {
+fn toughness(f: &spec::Fracture, model: &LoweredModel, diameter: f64) -> Option<Toughness> {
     let gc = f.gc?;
     Some(Toughness {
         gc,
         diameter,
-        tensile_strength: tensile_strength(model.material.young, gc, diameter),
+        tensile_strength: tensile_strength(model.material?.young, gc, diameter),
     })
 }

@@ -1,12 +1,13 @@
 //! Features that only particles have: bonds that break, contact, obstacles.
 
 use super::body::Grains;
-use super::fracture::{fracture, toughness};
+use super::fracture;
 use super::packing::PackingLine;
 use super::skin::Skin;
 use super::time::time_function;
 use crate::error::{Result, dem, key, value};
-use crate::spec::{self, Effect, EffectKind, LooseKind, ModelTable, ObstacleShape};
+use crate::setup::LoweredModel;
+use crate::spec::{self, Effect, EffectKind, LooseKind, ObstacleShape};
 use arlequin::core::effect;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Motion, Obstacle, RigidShape};
@@ -14,39 +15,23 @@ use std::collections::BTreeMap;
 
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
 pub(super) fn build(
-    mut model: DemModel,
-    (key, table): (&str, &ModelTable),
+    model: DemModel,
+    (key, table): (&str, &LoweredModel),
     effects: &[(usize, &Effect)],
     mut packing: PackingLine,
     skin: Skin,
 ) -> Result<(DemModel, Grains)> {
-    let mut breaks = None;
-    let mut brittle = false;
-    for (k, e) in effects {
-        let EffectKind::Fracture(f) = &e.kind else {
-            continue;
-        };
-        brittle = true;
-        let path = format!("effect[{k}].fracture");
-        let spec = fracture(&path, f, (key, table))?;
-        packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
-        // With fracture off, the strengths only serve the warning that bonds would break.
-        if !e.enabled {
-            model = model.with_watched_strength(spec).map_err(dem(&path))?;
-        } else {
-            model = model.with_fracture(spec).map_err(dem(&path))?;
-            breaks = Some(model.break_log());
-        }
-    }
+    let young = table.known_material(key)?.young;
+    let (model, breaking) = fracture::apply(model, (key, table), effects, &mut packing)?;
     let mut built: BTreeMap<usize, Box<dyn effect::EffectSpec<f64>>> = BTreeMap::new();
     for (k, e) in effects.iter().filter(|(_, e)| e.enabled) {
         if let EffectKind::Contact(c) = &e.kind {
             let path = format!("effect[{k}].contact");
-            let contact = Contact::new(&model, law(table.material.young, c)).map_err(dem(&path))?;
+            let contact = Contact::new(&model, law(young, c)).map_err(dem(&path))?;
             built.insert(*k, Box::new(contact));
         }
         if let EffectKind::Obstacle(o) = &e.kind {
-            built.insert(*k, Box::new(obstacle(*k, o, &model, table, effects)?));
+            built.insert(*k, Box::new(obstacle(*k, o, &model, young, effects)?));
         }
     }
     let body = ContactBody::from_model(&model);
@@ -54,8 +39,8 @@ pub(super) fn build(
         model,
         Grains {
             effects: built,
-            breaks,
-            brittle,
+            breaks: breaking.log,
+            brittle: breaking.brittle,
             body,
             packing,
             skin,
@@ -145,13 +130,13 @@ fn obstacle(
     k: usize,
     o: &spec::Obstacle,
     model: &DemModel,
-    table: &ModelTable,
+    young: f64,
     effects: &[(usize, &Effect)],
 ) -> Result<Obstacle> {
     let path = format!("effect[{k}].obstacle");
     let (shape, motion) = obstacle_parts(k, o)?;
     let name = o.ledger_name(k);
-    let law = law(table.material.young, &o.contact);
+    let law = law(young, &o.contact);
     let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
     if let Some(spin) = o.spin {
         obstacle = obstacle
@@ -168,7 +153,7 @@ fn obstacle(
 }
 
 /// Refuses loose grains without contact: they would pass through all bodies.
-pub(super) fn check_loose(path: &str, table: &ModelTable, effects: &[(usize, &Effect)]) -> Result<()> {
+pub(super) fn check_loose(path: &str, table: &LoweredModel, effects: &[(usize, &Effect)]) -> Result<()> {
     let touches = |e: &Effect| e.enabled && matches!(e.kind, EffectKind::Contact(_));
     if table.dem.loose == LooseKind::Drop || effects.iter().any(|(_, e)| touches(e)) {
         return Ok(());

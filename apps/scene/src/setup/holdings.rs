@@ -6,11 +6,12 @@
 
 use super::{Body, Feature, effect_models, kind};
 use crate::ranks::RankLine;
-use crate::spec::{EffectKind, Interface, SceneSpec, Scheme};
+use crate::setup::{LoweredInterface, LoweredScene};
+use crate::spec::Scheme;
 use arlequin::core::ranks::UNIT;
 
 /// Distribution of each model of a scene over the ranks; empty for a single rank.
-pub(super) fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
+pub(super) fn holdings(scene: &LoweredScene, bodies: &[Body], ranks: usize) -> Vec<RankLine> {
     if ranks == 1 {
         return Vec::new();
     }
@@ -37,7 +38,7 @@ pub(super) fn holdings(scene: &SceneSpec, bodies: &[Body], ranks: usize) -> Vec<
 }
 
 /// Returns why model `m` must be whole on every rank; `None` if it can be partitioned.
-fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
+fn whole(scene: &LoweredScene, m: usize, body: &Body) -> Option<String> {
     let (name, table) = scene.model.iter().nth(m)?;
     let no = |words: &str| Some(words.to_owned());
     if let Some(words) = kind(table.kind).refusal(Feature::Partition) {
@@ -52,7 +53,7 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     if scene.statics.is_some() {
         return no("models of a scene with [static] do not go in parts");
     }
-    let nodal = |i: &&Interface| i.weight.weighting == arlequin::core::Weighting::Nodal;
+    let nodal = |i: &&LoweredInterface| i.weight.weighting == arlequin::core::Weighting::Nodal;
     if scene
         .interface
         .values()
@@ -63,17 +64,8 @@ fn whole(scene: &SceneSpec, m: usize, body: &Body) -> Option<String> {
     for (k, e) in scene.effect.iter().enumerate() {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
-        let works = match e.kind {
-            EffectKind::BodyForce(_)
-            | EffectKind::MassDamping(_)
-            | EffectKind::StiffnessDamping(_)
-            | EffectKind::LocalDamping(_)
-            | EffectKind::Prestress(_)
-            | EffectKind::Fracture(_)
-            | EffectKind::Obstacle(_) => true,
-            EffectKind::Contact(_) if !between => true,
-            _ => !e.enabled,
-        };
+        // Contact between two models needs both whole.
+        let works = !e.enabled || e.kind.works_in_parts() && !between;
         if acts && !works {
             return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));
         }

@@ -7,15 +7,14 @@ use super::mesh::{Grid, Request};
 use super::names::sides_of;
 use super::shapes::{region, region_box, shape_corners};
 use crate::error::{Result, core, key, value};
-use crate::spec::{
-    Absorber as AbsorberTable, Interface, OverlapShape, ProfileKind, SceneSpec, SolverKind, WeightTable,
-};
+use crate::setup::{LoweredInterface, LoweredScene, OverlapSource};
+use crate::spec::{Absorber as AbsorberTable, OverlapShape, ProfileKind, WeightTable};
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
     Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place,
-    Ramp, Sampling, Shell, Slab, Solver, Weight, Weights,
+    Ramp, Sampling, Shell, Slab, Weight, Weights,
 };
 use arlequin::fem_ref::FemField;
 use std::path::Path;
@@ -51,7 +50,7 @@ pub(super) type Sides<'a> = [(usize, &'a Body); 2];
 /// `[interface.NAME]` after its checks; the models that it couples are not built yet.
 pub(super) struct Plan<'a> {
     name: &'a str,
-    table: &'a Interface,
+    table: &'a LoweredInterface,
     folder: &'a Path,
     /// Numbers of the coarse and the fine model.
     models: [usize; 2],
@@ -65,8 +64,8 @@ impl<'a> Plan<'a> {
     /// The key, its value, the limit and the remedy.
     pub(super) fn new(
         name: &'a str,
-        table: &'a Interface,
-        scene: &'a SceneSpec,
+        table: &'a LoweredInterface,
+        scene: &'a LoweredScene,
         folder: &'a Path,
     ) -> Result<Self> {
         let models = sides_of(name, table, scene)?;
@@ -165,7 +164,7 @@ impl<'a> Plan<'a> {
 
 /// Returns known weaknesses of the interface.
 fn advise(
-    table: &Interface,
+    table: &LoweredInterface,
     [coarse, fine]: Sides<'_>,
     overlap: &dyn Overlap<f64>,
     spacing: f64,
@@ -209,16 +208,17 @@ fn around(points: &[Point3<f64>]) -> [Point3<f64>; 2] {
 /// Refuses an overlap that does not reach into both models: the weights would leave one of them without mass.
 fn check_place(
     path: &str,
-    table: &Interface,
+    table: &LoweredInterface,
     overlap: &dyn Overlap<f64>,
     points: [&[Point3<f64>]; 2],
 ) -> Result<()> {
     let (shape, names) = (&table.overlap, [&table.coarse, &table.fine]);
     let boxes = points.map(around);
     let (reaches, place) = match shape {
-        OverlapShape::Slab { fine, coarse } => {
+        OverlapSource::Given(OverlapShape::Slab { fine, coarse }) => {
             let reaches = points.map(|p| {
                 let [first, last] = positions_across(fine, coarse, p);
+                // A face on a border of the slab touches it up to round-off, and does not reach into it.
                 first < 1.0 - 1e-6 && last > 1e-6
             });
             (
@@ -227,8 +227,8 @@ fn check_place(
             )
         }
         // Both models are cut from one body and fit each other.
-        OverlapShape::Zone(_) => return Ok(()),
-        OverlapShape::Shell { domain, .. } => {
+        OverlapSource::Zone(_) => return Ok(()),
+        OverlapSource::Given(OverlapShape::Shell { domain, .. }) => {
             let [low, high] = region_box(domain);
             let alone = |x: Point3<f64>| overlap.place(&x) == Place::Fine;
             let reaches = boxes.map(|[a, b]| {
@@ -268,14 +268,14 @@ fn check_place(
 /// Refuses a slab whose two points are exchanged: the weights would then leave both models without mass.
 fn check_sense(
     path: &str,
-    overlap: &OverlapShape,
+    overlap: &OverlapSource,
     [coarse, fine]: [&String; 2],
     [coarse_points, fine_points]: [&[Point3<f64>]; 2],
 ) -> Result<()> {
-    let OverlapShape::Slab {
+    let OverlapSource::Given(OverlapShape::Slab {
         fine: from,
         coarse: to,
-    } = overlap
+    }) = overlap
     else {
         return Ok(());
     };
@@ -296,11 +296,11 @@ fn check_sense(
 /// Refuses a model that goes on beyond the slab, where it has no weight and its nodes would have no mass.
 fn check_ends(
     path: &str,
-    table: &Interface,
+    table: &LoweredInterface,
     spacings: [Option<f64>; 2],
     points: [&[Point3<f64>]; 2],
 ) -> Result<()> {
-    let OverlapShape::Slab { fine, coarse } = &table.overlap else {
+    let OverlapSource::Given(OverlapShape::Slab { fine, coarse }) = &table.overlap else {
         return Ok(());
     };
     let width = (Point3::from(*coarse) - Point3::from(*fine)).norm();
@@ -332,25 +332,25 @@ fn check_ends(
     Ok(())
 }
 
-fn options(table: &Interface, sides: Sides<'_>) -> InterfaceOptions<f64> {
+fn options(table: &LoweredInterface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     InterfaceOptions {
         sampling: match table.sampling {
             Some(chosen) => chosen,
             None if sides.iter().any(|s| s.1.field.samples().is_some()) => Sampling::Particles,
             None => Sampling::Intersection,
         },
-        solver: match table.solver {
-            SolverKind::Auto => Solver::Auto,
-            SolverKind::Factor => Solver::Factor,
-            SolverKind::ConjugateGradients => Solver::conjugate_gradients(),
-        },
+        solver: table.solver.into(),
         lumped: table.lumped,
         pin: table.pin.map(Point3::from),
         ..InterfaceOptions::default()
     }
 }
 
-fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
+fn overlap(path: &str, shape: &OverlapSource, folder: &Path) -> Result<Arc<dyn Overlap<f64>>> {
+    let shape = match shape {
+        OverlapSource::Zone(piece) => return piece.overlap(folder),
+        OverlapSource::Given(shape) => shape,
+    };
     Ok(match shape {
         OverlapShape::Slab { fine, coarse } => Arc::new(
             Slab::between(Point3::from(*fine), Point3::from(*coarse))
@@ -360,7 +360,6 @@ fn overlap(path: &str, shape: &OverlapShape, folder: &Path) -> Result<Arc<dyn Ov
             fine_core: region(&format!("{path}.shell.core"), core)?,
             fine_domain: region(&format!("{path}.shell.domain"), domain)?,
         }),
-        OverlapShape::Zone(piece) => piece.overlap(folder)?,
     })
 }
 
@@ -439,7 +438,7 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     s
 }
 
-fn junction(path: &str, table: &Interface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+fn junction(path: &str, table: &LoweredInterface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let key_path = format!("{path}.junction.length");
     // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
     // conditioning is twenty times worse.

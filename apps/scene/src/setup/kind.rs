@@ -5,7 +5,8 @@ use super::clock::SetupClock;
 use super::mesh::{self, Elements};
 use super::zone::Supports;
 use crate::error::Result;
-use crate::spec::{Effect, Load, ModelTable, SceneSpec, Shape};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene};
+use crate::spec::{Effect, Load};
 use std::path::Path;
 
 /// Input that a kind checks, and builds a body from.
@@ -16,7 +17,7 @@ pub(crate) struct Order<'a> {
     /// Key path of the table.
     pub key: &'a str,
     /// Table of the model.
-    pub table: &'a ModelTable,
+    pub table: &'a LoweredModel,
     /// Folder to which paths in the table are relative.
     pub folder: &'a Path,
     /// Effects on the model, with their numbers in the scene.
@@ -39,6 +40,9 @@ pub(crate) enum Feature {
     /// A partition among ranks.
     Partition,
 }
+
+/// Refusal of kinds that cannot be partitioned.
+pub(crate) const WHOLE: &str = "only bodies of particles, of finite and of natural elements go in parts";
 
 /// A kind of model.
 pub(crate) trait Kind: Sync {
@@ -64,7 +68,7 @@ pub(crate) trait Kind: Sync {
     ///
     /// # Errors
     /// The key and the remedy.
-    fn check_in(&self, _scene: &SceneSpec, _order: &Order<'_>) -> Result<()> {
+    fn check_in(&self, _scene: &LoweredScene, _order: &Order<'_>) -> Result<()> {
         Ok(())
     }
 
@@ -99,12 +103,12 @@ pub(crate) trait Kind: Sync {
     }
 
     /// Names of the groups of a shape; `None` if they are known only after the body is built.
-    fn groups(&self, shape: &Shape) -> Option<&'static [&'static str]> {
+    fn groups(&self, shape: &BodyShape) -> Option<&'static [&'static str]> {
         mesh::groups(shape)
     }
 
     /// Share of element-wise strains in the strains of the model \[–\].
-    fn element_share(&self, _table: &ModelTable) -> f64 {
+    fn element_share(&self, _table: &LoweredModel) -> f64 {
         1.0
     }
 }

@@ -1,15 +1,19 @@
 //! Loads: tractions on the surface of a model, or forces on the nodes of a model without a surface.
 
 use super::body::Body;
+use super::faces::Faces;
 use super::kinds::kind;
 use super::select;
 use super::skin::{self, Skin};
+use super::spread::{Carrier, Carriers, Resultant, distribute, make_up, polar, turn};
 use super::time::time_function;
 use crate::error::{Error, Result, core, key};
-use crate::spec::{Load, ModelTable};
+use crate::setup::LoweredModel;
+use crate::spec::Load;
 use arlequin::core::TimeFunction;
 use arlequin::core::effect::{self, SurfaceFacet};
-use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::TOUCH;
 
 /// Traction \[Pa\] on a facet.
 pub(super) type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
@@ -37,7 +41,7 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
 }
 
 /// Refuses tractions on a model without a surface, and torques on a chain, which cannot turn.
-pub(super) fn check_surface(path: &str, l: &Load, table: &ModelTable) -> Result<()> {
+pub(super) fn check_surface(path: &str, l: &Load, table: &LoweredModel) -> Result<()> {
     if kind(table.kind).carries(l) {
         return Ok(());
     }
@@ -75,29 +79,6 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     } else {
         torque(path, Vector3::from(l.torque.unwrap_or_default()), facets)?
     })
-}
-
-/// Returns the weighted centre `c` of points `x` with weights `a`, and `J = Σ a (|r|² 1 − r rᵀ)` with
-/// `r = x − c`. Forces `a θ × r` have the moment `J θ` and no resultant.
-pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
-    let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
-        (s + x.coords * a, t + a)
-    });
-    let centre = Point3::from(sum / total);
-    let mut polar = Matrix3::zeros();
-    for (x, a) in places {
-        let r = x - centre;
-        polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * a;
-    }
-    (centre, polar)
-}
-
-/// Returns `θ` with `J θ = m` in the least-squares sense: points on a line cannot carry a moment about that
-/// line.
-pub(super) fn turn(polar: &Matrix3<f64>, moment: &Vector3<f64>) -> Vector3<f64> {
-    // Relative cut-off for a singular `J`.
-    let inverse = polar.pseudo_inverse(1e-12 * polar.norm());
-    inverse.map_or(Vector3::zeros(), |p| p * moment)
 }
 
 /// Returns the centre `c` and the vector `θ` with which forces `a θ × (x − c)` at points `x` have a given
@@ -142,10 +123,57 @@ fn load_on_spheres(
     (body, skin): (&Body, &Skin),
     time: TimeFunction<f64>,
 ) -> Result<effect::Load<f64>> {
-    let carriers = skin::carriers(path, l, body, skin)?;
+    let carriers = carriers(path, l, body, skin)?;
     let forces = carriers.0.iter();
     let forces = forces.flat_map(|(n, c)| (0..3).map(move |axis| (3 * n + axis, c.force[axis])));
     effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
+}
+
+/// Returns the spheres that carry a traction or pressure.
+///
+/// # Errors
+/// A selection without surface or without spheres; spheres that are too few to carry the moment.
+pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Carriers> {
+    let (name, key_path) = (body.model.name(), format!("{path}.where"));
+    let triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
+    let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(skin::facet).collect();
+    let field = traction(path, l, &facets)?;
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
+    let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
+    let mut prescribed = Resultant::zero(middle);
+    for f in &facets {
+        prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
+    }
+    let radii = &body.grid.radii;
+    let gap = TOUCH * 0.5 * body.spacing;
+    let (faces, points) = (Faces::new(triangles), body.model.nodes());
+    let [low, high] = faces.bounds();
+    let reach = |k: usize| radii[k] + gap;
+    let is_near =
+        |k: &usize| (0..3).all(|c| points[*k][c] + reach(*k) > low[c] && points[*k][c] - reach(*k) < high[c]);
+    let near = (0..points.len()).filter(is_near);
+    let touching: Vec<(usize, usize)> = near
+        .map(|k| (k, faces.nearest(&points[k])))
+        .filter(|(k, (_, distance))| *distance < reach(*k))
+        .map(|(k, (triangle, _))| (k, triangle))
+        .collect();
+    if touching.is_empty() {
+        let rule = format!(
+            "no sphere of model '{name}' touches {}; choose a larger surface, or smaller spheres",
+            l.at
+        );
+        return Err(key(key_path, rule));
+    }
+    let mut out = distribute(&touching, (points, radii), &facets, &field);
+    let missing = prescribed.wrench.minus(&out.exert(prescribed.wrench.about));
+    let remainder = make_up(&mut out.0.values_mut().collect::<Vec<&mut Carrier>>(), missing);
+    let who = format!(
+        "too few spheres of model '{name}' touch {} to carry its moment; choose a larger surface, or smaller spheres",
+        l.at
+    );
+    prescribed.enough(path, &who, &remainder)?;
+    Ok(out)
 }
 
 /// Distributes a force over the nodes of a model without a surface, in proportion to mass; a torque becomes

@@ -2,29 +2,63 @@
 
 use super::kind::Feature;
 use super::kinds::kind;
+use super::lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
 use super::mesh::Elements;
 use super::names::BODY;
 use super::zone::{Cut, Mark, Piece, Use, Zone, check_region};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    Interface, MediatorTable, ModelTable, OverlapShape, ProfileKind, RoleKind, SceneSpec, Selection, Shape,
-    WeightTable, ZoneTable,
+    Interface, MediatorTable, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection, WeightTable, ZoneTable,
 };
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Adds models and interfaces for the body and its zones. The tables `body` and `zone` remain, for keys in
 /// messages.
-pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
-    let Some(body) = scene.body.clone() else {
-        return match scene.zone.keys().next() {
-            None => Ok(scene),
-            Some(name) => Err(key(
-                format!("zone.{name}"),
-                "a zone is a part of [body], which is not there; add it, or write [model.NAME] and [interface.NAME]",
-            )),
-        };
+///
+/// # Errors
+/// A model other than a link that lacks a required key; mistakes in the tables of the body and its zones.
+pub(crate) fn lowered(mut scene: SceneSpec) -> Result<LoweredScene> {
+    let body = scene.body.take();
+    let body = body.map(|table| with_source(BODY, table)).transpose()?;
+    let models = std::mem::take(&mut scene.model).into_iter();
+    let models = models.map(|(name, table)| {
+        let table = with_source(&format!("model.{name}"), table)?;
+        Ok((name, table))
+    });
+    let interfaces = std::mem::take(&mut scene.interface).into_iter();
+    let interfaces = interfaces.map(|(name, table)| {
+        let overlap = OverlapSource::Given(table.overlap.clone());
+        (name, table.with_overlap(overlap))
+    });
+    let (models, interfaces) = (models.collect::<Result<_>>()?, interfaces.collect());
+    let scene = scene.with_tables(body, models, interfaces);
+    match (scene.body.clone(), scene.zone.keys().next()) {
+        (Some(body), _) => with_zones(scene, body),
+        (None, None) => Ok(scene),
+        (None, Some(name)) => Err(key(
+            format!("zone.{name}"),
+            "a zone is a part of [body], which is not there; add it, or write [model.NAME] and [interface.NAME]",
+        )),
+    }
+}
+
+/// Returns a table with the source of its shape; refuses one that lacks a required key.
+fn with_source(path: &str, table: ModelTable) -> Result<LoweredModel> {
+    let is_remote = kind(table.kind).is_remote();
+    let shape = match table.shape.clone() {
+        Some(shape) => BodyShape::Given(shape),
+        None if is_remote => BodyShape::Remote,
+        None => return Err(key(path, "missing field `shape`")),
     };
+    if !is_remote {
+        table.known_material(path)?;
+    }
+    Ok(table.with_shape(shape))
+}
+
+/// Adds the models and interfaces of the body and its zones.
+fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScene> {
     let elements = check_body(&body, !scene.zone.is_empty())?;
     let names = std::iter::once(BODY).chain(scene.zone.keys().map(String::as_str));
     for name in names {
@@ -63,9 +97,9 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
         let interface = interface(name, zone, piece(Use::Between(k)));
         scene.interface.insert(name.clone(), interface);
     }
-    let remainder = ModelTable {
+    let remainder = LoweredModel {
         role: Some(RoleKind::Coarse),
-        shape: Shape::Piece(piece(Use::Body)),
+        shape: BodyShape::Piece(piece(Use::Body)),
         spacing: None,
         divisions: None,
         scale: 1.0,
@@ -77,7 +111,7 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<SceneSpec> {
 }
 
 /// Boxes in which loads and supports act on the body.
-fn marks(scene: &SceneSpec) -> Vec<Mark> {
+fn marks(scene: &LoweredScene) -> Vec<Mark> {
     let loads = scene.load.iter().map(|l| (&l.model, &l.at)).enumerate();
     let supports = scene.support.iter().map(|s| (&s.model, &s.at)).enumerate();
     let loads = loads.map(|(k, place)| (format!("load[{k}]"), place));
@@ -94,7 +128,7 @@ fn marks(scene: &SceneSpec) -> Vec<Mark> {
 }
 
 /// Replaces the key of a generated model or interface in an error by the key that the scene has.
-pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
+pub(crate) fn written(scene: &LoweredScene, error: Error) -> Error {
     if scene.body.is_none() {
         return error;
     }
@@ -112,7 +146,7 @@ pub(crate) fn written(scene: &SceneSpec, error: Error) -> Error {
 }
 
 /// Checks the table of the body; returns its elements if it has zones.
-fn check_body(body: &ModelTable, zones: bool) -> Result<Option<Elements>> {
+fn check_body(body: &LoweredModel, zones: bool) -> Result<Option<Elements>> {
     if body.role.is_some() {
         let rule = "a body has none: it is the coarse side of its zones; remove it";
         return Err(key("body.role", rule));
@@ -130,7 +164,7 @@ fn check_body(body: &ModelTable, zones: bool) -> Result<Option<Elements>> {
             "a body with zones has none; write [model.NAME] and [interface.NAME], or a mesh file with a slit";
         return Err(key("body.crack", rule));
     }
-    if let Shape::Bar { .. } = body.shape {
+    if body.shape.is_line() {
         let rule = "zones are cut out of solids; couple two bars by [model.NAME] and [interface.NAME]";
         return Err(value("body.shape", "bar", rule));
     }
@@ -159,17 +193,17 @@ fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
     check_region(&format!("{path}.shape"), &zone.shape)
 }
 
-fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
-    ModelTable {
+fn model(zone: &ZoneTable, body: &LoweredModel, piece: Piece) -> LoweredModel {
+    LoweredModel {
         kind: zone.kind,
         role: Some(RoleKind::Fine),
-        shape: Shape::Piece(piece),
+        shape: BodyShape::Piece(piece),
         spacing: zone.spacing,
         divisions: None,
         scale: 1.0,
         volume: None,
         crack: Vec::new(),
-        material: zone.material.unwrap_or(body.material),
+        material: zone.material.or(body.material),
         materials: match zone.material {
             None => body.materials.clone(),
             Some(_) => BTreeMap::new(),
@@ -185,11 +219,11 @@ fn model(zone: &ZoneTable, body: &ModelTable, piece: Piece) -> ModelTable {
     }
 }
 
-fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> Interface {
+fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> LoweredInterface {
     Interface {
         coarse: BODY.to_owned(),
         fine: name.to_owned(),
-        overlap: OverlapShape::Zone(piece),
+        overlap: OverlapSource::Zone(piece),
         weight: WeightTable {
             // No weight is compatible with borders of arbitrary form; the linear one has the smallest error
             // (decision 0041).

@@ -1,14 +1,16 @@
 //! Materials of models, and of the volumes of a mesh file.
 
 use crate::error::{Result, core, unknown, value};
-use crate::spec::{Material, ModelTable, Shape};
+use crate::setup::{BodyShape, LoweredModel};
+use crate::spec::Material;
 use arlequin::core::{Elastic, Materials};
 use arlequin::fem_ref::{Mesh, list_pieces};
 
 /// Materials of the elements: the one given for the volume of the element, otherwise the main one of the
 /// table.
-pub(super) fn element_materials(key: &str, table: &ModelTable, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
-    let main = elastic(key, &table.material)?;
+pub(super) fn element_materials(key: &str, table: &LoweredModel, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
+    let given = table.known_material(key)?;
+    let main = elastic(key, given)?;
     if table.materials.is_empty() {
         return Ok(main.into());
     }
@@ -26,23 +28,23 @@ pub(super) fn element_materials(key: &str, table: &ModelTable, mesh: &Mesh<f64>)
             )
         })?;
         number[volume] = materials.len() as u32;
-        materials.push(of_volume(&path, table, material)?);
+        materials.push(of_volume(&path, given, material)?);
     }
     let numbers = mesh.regions().iter().map(|r| number[*r as usize]);
     Materials::of_elements(materials, numbers.collect()).map_err(core(format!("{key}.materials")))
 }
 
 /// Material of a volume; without its own Poisson's ratio it takes that of the main material.
-fn of_volume(path: &str, table: &ModelTable, material: &Material) -> Result<Elastic<f64>> {
+fn of_volume(path: &str, main: &Material, material: &Material) -> Result<Elastic<f64>> {
     let whole = Material {
-        poisson: material.poisson.or(table.material.poisson),
+        poisson: material.poisson.or(main.poisson),
         ..*material
     };
     elastic_at(path, &whole)
 }
 
 /// Warnings about a mesh: notices of the reader, volumes that share a single material, unconnected pieces.
-pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
+pub(super) fn warnings(table: &LoweredModel, mesh: &Mesh<f64>) -> Vec<String> {
     let mut out: Vec<String> = mesh
         .notices()
         .iter()
@@ -54,8 +56,8 @@ pub(super) fn warnings(table: &ModelTable, mesh: &Mesh<f64>) -> Vec<String> {
 }
 
 /// Warning if the mesh has pieces that share no node; none for zones, which may divide a body.
-fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
-    if matches!(table.shape, Shape::Piece(_)) {
+fn pieces(table: &LoweredModel, mesh: &Mesh<f64>) -> Option<String> {
+    if matches!(table.shape, BodyShape::Piece(_)) {
         return None;
     }
     let pieces = mesh.pieces();
@@ -69,7 +71,7 @@ fn pieces(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
     })
 }
 
-fn one_material(table: &ModelTable, mesh: &Mesh<f64>) -> Option<String> {
+fn one_material(table: &LoweredModel, mesh: &Mesh<f64>) -> Option<String> {
     let mut volumes: Vec<&str> = mesh
         .regions()
         .iter()
@@ -113,8 +115,8 @@ pub(super) fn elastic_at(key: &str, m: &Material) -> Result<Elastic<f64>> {
 }
 
 /// Refuses a solid without Poisson's ratio.
-pub(super) fn solid_poisson(key: &str, table: &ModelTable) -> Result<()> {
-    table.material.poisson.map(|_| ()).ok_or_else(|| {
+pub(super) fn solid_poisson(key: &str, table: &LoweredModel) -> Result<()> {
+    table.known_material(key)?.poisson.map(|_| ()).ok_or_else(|| {
         crate::error::key(
             format!("{key}.material"),
             "a solid needs poisson, Poisson's ratio [-]; add poisson = 0.3 or what the material has",

@@ -3,17 +3,22 @@
 use super::body::Body;
 use super::mesh::Request;
 use crate::error::{Result, key};
-use crate::spec::{Hole, Interface, OverlapShape, RegionShape, Shape};
+use crate::setup::{BodyShape, LoweredInterface, OverlapSource};
+use crate::spec::{Hole, OverlapShape, RegionShape, Shape};
 use arlequin::core::ShapeRow;
 use arlequin::fem_ref::generate::Rim;
 use std::path::Path;
 
 /// Shape of the mediator: as given, or derived from overlap and models.
-pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2]) -> Result<Shape> {
+pub(super) fn mediator_shape(
+    path: &str,
+    table: &LoweredInterface,
+    models: [&BodyShape; 2],
+) -> Result<BodyShape> {
     match (&table.mediator.shape, &table.overlap) {
-        (Some(s), _) => Ok(s.clone()),
-        (None, OverlapShape::Zone(piece)) => Ok(Shape::Piece(piece.clone())),
-        _ => derived_shape(path, &table.overlap, models),
+        (Some(s), _) => Ok(BodyShape::Given(s.clone())),
+        (None, OverlapSource::Zone(piece)) => Ok(BodyShape::Piece(piece.clone())),
+        (None, OverlapSource::Given(overlap)) => derived_shape(path, overlap, models).map(BodyShape::Given),
     }
 }
 
@@ -21,14 +26,15 @@ pub(super) fn mediator_shape(path: &str, table: &Interface, models: [&Shape; 2])
 /// `coarse` \[m\].
 pub(super) fn mediator<'a>(
     key: &'a str,
-    table: &'a Interface,
-    shape: &'a Shape,
+    table: &'a LoweredInterface,
+    shape: &'a BodyShape,
     coarse: f64,
     folder: &'a Path,
 ) -> Request<'a> {
     let t = &table.mediator;
     // Files and pieces of a body bring their own elements.
-    let free = t.divisions.is_none() && !matches!(shape, Shape::File(_) | Shape::Piece(_));
+    let brings_elements = shape.is_file() || matches!(shape, BodyShape::Piece(_));
+    let free = t.divisions.is_none() && !brings_elements;
     Request {
         key,
         shape,
@@ -57,13 +63,16 @@ pub(super) fn is_hull(body: &Body) -> bool {
 ///
 /// # Errors
 /// A shape that does not fit within 30 steps.
-pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<Shape> {
+pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<BodyShape> {
     let mut row = ShapeRow::default();
     for step in 1..=30 {
+        // Fine steps keep the mediator as large as possible: what it leaves out is untied.
         let inset = 0.1 * f64::from(step) * grains.spacing;
-        let Some(shape) = moved_inwards(request.shape, &grains.shape, inset) else {
+        let given = request.shape.given().zip(grains.shape.given());
+        let Some(shape) = given.and_then(|(shape, body)| moved_inwards(shape, body, inset)) else {
             break;
         };
+        let shape = BodyShape::Given(shape);
         let mesh = Request {
             shape: &shape,
             ..request
@@ -130,11 +139,11 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
 }
 
 /// Derives the shape of the mediator: the part of the overlap that both models fill.
-fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&Shape; 2]) -> Result<Shape> {
-    let derived = match overlap {
-        OverlapShape::Slab { fine, coarse } => layer(fine, coarse, shapes),
-        OverlapShape::Shell { core, domain } => frame(core, domain, shapes),
-        OverlapShape::Zone(_) => None,
+fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&BodyShape; 2]) -> Result<Shape> {
+    let derived = match (overlap, shapes.map(BodyShape::given)) {
+        (OverlapShape::Slab { fine, coarse }, [Some(a), Some(b)]) => layer(fine, coarse, [a, b]),
+        (OverlapShape::Shell { core, domain }, [Some(a), Some(b)]) => frame(core, domain, [a, b]),
+        (_, [None, _] | [_, None]) => None,
     };
     derived.ok_or_else(|| {
         key(
@@ -196,6 +205,7 @@ fn layer(fine: &[f64; 3], coarse: &[f64; 3], shapes: [&Shape; 2]) -> Option<Shap
             Shape::Cylinder {
                 from: b, radius: s, ..
             },
+            // Radii that are meant to be equal may differ in the last digits.
         ] if axis == 0 && a[1..] == b[1..] && (r - s).abs() <= 1e-9 * r => Some(Shape::Cylinder {
             from: [from, a[1], a[2]],
             length: to - from,

@@ -4,8 +4,11 @@ use super::cloud;
 use super::files::{ShapeFile, check_file};
 use super::materials::solid_poisson;
 use crate::error::{Result, fem, unknown, value};
-use crate::spec::{Element, Hole, ModelTable, Shape};
+use crate::setup::{BodyShape, LoweredModel};
+use crate::spec::{Element, Hole, Shape};
+use arlequin::core::Model;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::DemModel;
 use arlequin::fem_ref::generate::{self, Cylinder, Rim};
 use arlequin::fem_ref::{ElementKind, Mesh, gmsh};
 use std::path::Path;
@@ -55,6 +58,18 @@ impl Grid {
         }
     }
 
+    /// Output mesh of particles, joined by their bonds.
+    pub fn of_spheres(model: &DemModel) -> Self {
+        let body = model.body();
+        Self {
+            points: model.nodes().to_vec(),
+            connectivity: body.pairs().iter().flatten().copied().collect(),
+            corners: 2,
+            cell_type: 3,
+            radii: body.radii().to_vec(),
+        }
+    }
+
     /// Number of cells.
     pub fn cells(&self) -> usize {
         self.connectivity.len() / self.corners
@@ -99,7 +114,7 @@ pub(super) struct Request<'a> {
     /// Key of the table that describes the mesh.
     pub key: &'a str,
     /// Shape of the body.
-    pub shape: &'a Shape,
+    pub shape: &'a BodyShape,
     /// Target length of the elements \[m\].
     pub spacing: Option<f64>,
     /// Numbers of elements along the axes.
@@ -125,11 +140,11 @@ impl<'a> Request<'a> {
     /// A solid without Poisson's ratio.
     pub(super) fn of_model(
         key: &'a str,
-        table: &'a ModelTable,
+        table: &'a LoweredModel,
         elements: Elements,
         folder: &'a Path,
     ) -> Result<Self> {
-        if !matches!(table.shape, Shape::Bar { .. }) {
+        if !table.shape.is_line() {
             solid_poisson(key, table)?;
         }
         let is_cloud = elements == Elements::Tetrahedra;
@@ -161,11 +176,16 @@ impl Request<'_> {
             return Err(value(format!("{key}.scale"), self.scale, rule));
         }
         let of_file = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
-        if of_file && !matches!(self.shape, Shape::File(_)) {
+        if of_file && !self.shape.is_file() {
             let rule = "scale and volume belong to shape.file; remove them";
             return Err(crate::error::key(key, rule));
         }
-        match self.shape {
+        let shape = match self.shape {
+            BodyShape::Given(shape) => shape,
+            BodyShape::Piece(piece) => return piece.check(self),
+            BodyShape::Remote => return Err(self.nobody()),
+        };
+        match shape {
             Shape::Box { low, high, hole } => self.check_box(*low, *high, hole.as_ref()),
             Shape::Cylinder { length, radius, .. } => {
                 for (name, x) in [("length", *length), ("radius", *radius)] {
@@ -183,8 +203,6 @@ impl Request<'_> {
                 }
                 self.by_spacing("a ball is meshed by spacing")
             }
-            Shape::Piece(piece) => piece.check(self),
-            Shape::Linked => Err(self.nobody()),
             Shape::Bar { from, to, section } => {
                 check_bar(key, *from, *to, *section)?;
                 divisions_of(key, &[to - from], self.spacing, self.divisions).map(|_| ())
@@ -237,7 +255,7 @@ impl Request<'_> {
     /// elements.
     pub(super) fn check_body(&self) -> Result<()> {
         self.check()?;
-        let Shape::Box { low, high, hole } = self.shape else {
+        let Some(Shape::Box { low, high, hole }) = self.shape.given() else {
             return Ok(());
         };
         let Some(hole) = hole else { return Ok(()) };
@@ -257,7 +275,12 @@ impl Request<'_> {
             Element::Hex8 => ElementKind::Hex8,
             Element::Tet4 => ElementKind::Tet4,
         };
-        match self.shape {
+        let shape = match self.shape {
+            BodyShape::Given(shape) => shape,
+            BodyShape::Piece(piece) => return piece.mesh(self),
+            BodyShape::Remote => return Err(self.nobody()),
+        };
+        match shape {
             Shape::Box { low, high, hole } => {
                 let extents = [0, 1, 2].map(|c| high[c] - low[c]);
                 let n = divisions_of(key, &extents, self.spacing, self.divisions)?;
@@ -277,8 +300,6 @@ impl Request<'_> {
                 let size = positive_spacing(key, self.spacing)?;
                 generate::ball(kind, Point3::from(*centre), *radius, size).map_err(fem(key))
             }
-            Shape::Piece(piece) => piece.mesh(self),
-            Shape::Linked => Err(self.nobody()),
             Shape::File(path) => self.file(&self.folder.join(path)),
         }
     }
@@ -328,7 +349,7 @@ fn volume(key: &str, path: &Path, scale: f64, name: Option<&str>) -> Result<Mesh
 }
 
 /// Reads the mesh in the file of a table of any kind.
-pub(super) fn volume_of(key: &str, table: &ModelTable, path: &Path) -> Result<Mesh<f64>> {
+pub(super) fn volume_of(key: &str, table: &LoweredModel, path: &Path) -> Result<Mesh<f64>> {
     volume(key, path, table.scale, table.volume.as_deref())
 }
 
@@ -411,12 +432,12 @@ pub(super) fn divisions_of(
 }
 
 /// Groups of the mesh of a shape; `None` if only the mesh, the body of a zone or a link knows them.
-pub(super) fn groups(shape: &Shape) -> Option<&'static [&'static str]> {
-    Some(match shape {
+pub(super) fn groups(shape: &BodyShape) -> Option<&'static [&'static str]> {
+    Some(match shape.given()? {
         Shape::Box { .. } => &["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"],
         Shape::Cylinder { .. } => &["x-min", "x-max", "side"],
         Shape::Ball { .. } => &["surface"],
         Shape::Bar { .. } => &["x-min", "x-max"],
-        Shape::File(_) | Shape::Piece(_) | Shape::Linked => return None,
+        Shape::File(_) => return None,
     })
 }

@@ -1,7 +1,6 @@
 //! Set-up: builds a run that is ready to step from the tables of a scene.
 
 mod between;
-mod blame;
 mod body;
 mod bounds;
 mod built;
@@ -20,11 +19,13 @@ mod kind;
 mod kinds;
 mod load;
 pub(crate) mod lower;
+mod lowered;
 mod materials;
 mod mediator;
 mod mesh;
 mod names;
 mod notch;
+mod origin;
 pub mod packing;
 mod places;
 mod plausible;
@@ -50,11 +51,13 @@ pub use bounds::Bounds;
 pub use built::{Built, ModelInfo, Start};
 pub use clock::PhaseTime;
 pub(crate) use files::text;
+pub(crate) use fracture::stops_at_overlap;
 pub(crate) use grains::obstacle_parts;
 pub(crate) use interface::stations;
 pub(crate) use kind::Feature;
 pub(crate) use kinds::kind;
 pub(crate) use kinds::link_of;
+pub use lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
 pub use mesh::Grid;
 pub use names::{effect_models, model_index};
 pub use notch::{Knife, cut, knives};
@@ -63,12 +66,11 @@ pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
 
-use crate::error::{Result, key, value};
+use crate::error::{Result, core, key, value};
 use crate::ranks::{RankLine, Ranks};
-use crate::spec::{Bearer, Effect, SceneSpec, Support};
+use crate::spec::{Bearer, Effect, Support};
 use arlequin::core::snapshot::Record;
-use arlequin::core::{Coupled, Guard, Partition, Parts, Subdomain, Weighting};
-use blame::located;
+use arlequin::core::{Coupled, Guard, Partition, Parts, SetupPhase, Subdomain, Weighting};
 use clock::SetupClock;
 use drive::Attachments;
 use interface::BuiltInterface;
@@ -79,12 +81,12 @@ use std::path::Path;
 ///
 /// # Errors
 /// Mistakes in the scene: the key, its value, the limit and the remedy.
-pub fn build(scene: &SceneSpec, folder: &Path) -> Result<Built> {
+pub fn build(scene: &LoweredScene, folder: &Path) -> Result<Built> {
     build_from(scene, folder, None, &Ranks::default(), &mut |_, _, _| ())
 }
 
 /// Checks what can be checked from the scene alone, without building anything.
-pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
+pub fn check(scene: &LoweredScene, folder: &Path) -> Result<()> {
     let scene = &formula::with_tables(scene, folder)?;
     statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
@@ -97,7 +99,7 @@ pub fn check(scene: &SceneSpec, folder: &Path) -> Result<()> {
 /// Builds a run with its own initial state and on several ranks, among which bodies are partitioned;
 /// `announce` is that of [`crate::Scene::prepare_with`].
 pub(crate) fn build_from(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     folder: &Path,
     start: Option<&Start>,
     ranks: &Ranks,
@@ -132,40 +134,23 @@ pub(crate) fn build_from(
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
     let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
-    let mut subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
-    if let Some(c) = ranks.communicator() {
-        let shared =
-            |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
-        subdomains = subdomains.into_iter().zip(&holdings).map(shared).collect();
-    }
-    let end = match &load_steps {
-        Some(s) => s.times.last().copied(),
-        None => scene.time.end,
-    };
+    let subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
+    let last_load = load_steps.as_ref().and_then(|s| s.times.last().copied());
     let parts = Parts {
         start: begin,
-        end,
-        subdomains,
+        end: last_load.or(scene.time.end),
+        subdomains: shared_out(subdomains, &holdings, ranks),
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
-    let names = [
-        scene.model.keys().cloned().collect(),
-        scene.interface.keys().cloned().collect(),
-    ];
-    let mut announce_phase = |phase| clock.begin(clock::name(phase, &names));
-    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
-    let mut run = run.map_err(|e| located(scene, e))?;
+    let mut run = coupled(scene, parts, &mut clock)?;
     if load_steps.is_some() {
-        run.check_rest().map_err(crate::error::core("static"))?;
+        run.check_rest().map_err(core("static"))?;
     }
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
         line.add_imbalance(s);
     }
-    for i in run.interfaces().iter().map(|i| i.report()) {
-        warnings.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
-    }
-    warnings.extend(totals::warnings(scene, &forces, &run));
+    warnings.extend(warnings_when_coupled(scene, &forces, &run));
     let steps = match &load_steps {
         Some(s) => s.times.len(),
         None => time::steps(scene, begin, run.dt())?,
@@ -193,8 +178,42 @@ pub(crate) fn build_from(
     Ok(built)
 }
 
+/// Marks the models that are distributed over the ranks.
+fn shared_out(subdomains: Vec<Subdomain<f64>>, holdings: &[RankLine], ranks: &Ranks) -> Vec<Subdomain<f64>> {
+    let Some(c) = ranks.communicator() else {
+        return subdomains;
+    };
+    let shared = |(s, line): (Subdomain<f64>, &RankLine)| if line.parts { s.shared(c.clone()) } else { s };
+    subdomains.into_iter().zip(holdings).map(shared).collect()
+}
+
+/// Couples the models; errors get the key of what the core worked on.
+fn coupled(scene: &LoweredScene, parts: Parts<f64>, clock: &mut SetupClock<'_>) -> Result<Coupled<f64>> {
+    let names = [
+        scene.model.keys().cloned().collect(),
+        scene.interface.keys().cloned().collect(),
+    ];
+    let mut last_phase = SetupPhase::Start;
+    let mut announce_phase = |phase| {
+        last_phase = phase;
+        clock.begin(clock::name(phase, &names));
+    };
+    let run = Coupled::announced(parts, time::step(scene), Some(guard(scene)), &mut announce_phase);
+    run.map_err(|e| origin::in_phase(scene, last_phase, e))
+}
+
+/// Warnings that the coupled models show: those of interfaces, and about loads that no model carries.
+fn warnings_when_coupled(scene: &LoweredScene, forces: &[totals::Total], run: &Coupled<f64>) -> Vec<String> {
+    let mut out = Vec::new();
+    for i in run.interfaces().iter().map(|i| i.report()) {
+        out.extend(i.warnings.iter().map(|w| format!("interface '{}': {w}", i.name)));
+    }
+    out.extend(totals::warnings(scene, forces, run));
+    out
+}
+
 /// Bounds of a plausible motion of each model, and the warnings about bodies and interfaces.
-fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) -> (Bounds, Vec<String>) {
+fn bounds_of(scene: &LoweredScene, bodies: &[Body], interfaces: &[BuiltInterface]) -> (Bounds, Vec<String>) {
     let mut bounds = Bounds::default();
     let mut warnings = Vec::new();
     for (m, body) in bodies.iter().enumerate() {
@@ -211,7 +230,7 @@ fn bounds_of(scene: &SceneSpec, bodies: &[Body], interfaces: &[BuiltInterface]) 
 }
 
 fn bodies_of(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     effects: &[Vec<(usize, &Effect)>],
     folder: &Path,
     clock: &mut SetupClock<'_>,
@@ -248,7 +267,7 @@ fn bodies_of(
 /// Initial displacements and velocities of a model, and its history.
 type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
 
-fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
+fn states_of(scene: &LoweredScene, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
     let state = |(m, body): (usize, &Body)| {
         Ok(match start {
             Some(s) => (s.states[m].clone(), s.memories.get(m).cloned().flatten()),
@@ -259,7 +278,7 @@ fn states_of(scene: &SceneSpec, bodies: &[Body], start: Option<&Start>) -> Resul
 }
 
 fn subdomains_of(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     bodies: Vec<Body>,
     states: Vec<Begin>,
     interfaces: &mut [BuiltInterface],
@@ -272,7 +291,7 @@ fn subdomains_of(
     }
     let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
         let own_step = time::own_step(scene, m);
-        let built = subdomain(scene, m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
+        let built = subdomain(m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
         Ok(match memory {
             Some(record) => built.with_memory(record),
             None => built,
@@ -288,7 +307,7 @@ fn subdomains_of(
 
 /// Returns whether parts of a model may rotate or move away: particles with finite rotations, contact or
 /// bonds that break.
-fn may_leave(scene: &SceneSpec, m: usize) -> bool {
+fn may_leave(scene: &LoweredScene, m: usize) -> bool {
     let loose = scene
         .effect
         .iter()
@@ -297,7 +316,7 @@ fn may_leave(scene: &SceneSpec, m: usize) -> bool {
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }
 
-fn guard(scene: &SceneSpec) -> Guard<f64> {
+fn guard(scene: &LoweredScene) -> Guard<f64> {
     let nodal = scene
         .interface
         .values()
@@ -313,7 +332,7 @@ fn guard(scene: &SceneSpec) -> Guard<f64> {
     }
 }
 
-fn check_numbers(scene: &SceneSpec) -> Result<()> {
+fn check_numbers(scene: &LoweredScene) -> Result<()> {
     time::check(scene)?;
     let output = &scene.output;
     let counts = [
@@ -333,7 +352,7 @@ fn check_numbers(scene: &SceneSpec) -> Result<()> {
 }
 
 /// Refuses names that cannot be part of file names and column titles.
-fn check_names(scene: &SceneSpec) -> Result<()> {
+fn check_names(scene: &LoweredScene) -> Result<()> {
     let tables = [
         ("model", scene.model.keys().collect::<Vec<_>>()),
         ("interface", scene.interface.keys().collect()),
@@ -354,12 +373,12 @@ fn check_names(scene: &SceneSpec) -> Result<()> {
 }
 
 fn subdomain(
-    scene: &SceneSpec,
     m: usize,
     (body, [q, v]): (Body, [Vec<f64>; 2]),
     joints: &[BuiltInterface],
     attachments: &mut Attachments,
 ) -> Result<Subdomain<f64>> {
+    let path = format!("model.{}", body.model.name());
     let weights = weights::model_weights(m, joints)?;
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
@@ -371,12 +390,11 @@ fn subdomain(
     let subdomain = match body.solver {
         Some(solver) => {
             let participant = Subdomain::participant(solver, body.field, weights);
-            participant.map_err(|e| located(scene, e))?
+            participant.map_err(core(&*path))?
         }
         None => Subdomain::new(body.model, body.field, weights),
     };
     let subdomain = subdomain.with_partition(partition);
     let subdomain = attachments.attach(m, subdomain);
-    let started = subdomain.with_initial(q, v);
-    started.map_err(|e| located(scene, e))
+    subdomain.with_initial(q, v).map_err(core("initial"))
 }

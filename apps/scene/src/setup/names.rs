@@ -3,13 +3,14 @@
 use super::kind::Feature;
 use super::kinds::kind;
 use crate::error::{Result, key, unknown, value};
-use crate::spec::{Bearer, Effect, EffectKind, Interface, ModelTable, RoleKind, SceneSpec, Shape};
+use crate::setup::{LoweredInterface, LoweredModel, LoweredScene};
+use crate::spec::{Bearer, Effect, EffectKind, RoleKind};
 
 /// Name of the body's own model.
 pub(super) const BODY: &str = "body";
 
 /// Numbers of the models that a model name in the scene refers to: the body's own model includes its zones.
-pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
+pub(super) fn parts(scene: &LoweredScene, m: usize) -> Vec<usize> {
     let place = |name: &String| scene.model.keys().position(|n| n == name);
     let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
     let zones = scene.zone.keys().filter(|_| whole).filter_map(place);
@@ -19,7 +20,7 @@ pub(super) fn parts(scene: &SceneSpec, m: usize) -> Vec<usize> {
 /// Expands the body in a list of models to the body and its zones, except zones that `elsewhere` lists by
 /// name.
 pub(super) fn with_parts(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     named: Vec<usize>,
     elsewhere: impl Fn(&str) -> bool,
 ) -> Vec<usize> {
@@ -34,12 +35,16 @@ pub(super) fn with_parts(
 }
 
 /// Returns the number of the model with this name.
-pub fn model_index(path: &str, name: &str, scene: &SceneSpec) -> Result<usize> {
+pub fn model_index(path: &str, name: &str, scene: &LoweredScene) -> Result<usize> {
     let number = scene.model.keys().position(|k| k == name);
     number.ok_or_else(|| unknown(path, name, "model", scene.model.keys()))
 }
 
-pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneSpec) -> Result<Vec<usize>> {
+pub(super) fn model_indices(
+    path: &str,
+    names: Option<&[String]>,
+    scene: &LoweredScene,
+) -> Result<Vec<usize>> {
     let Some(names) = names else {
         return Ok((0..scene.model.len()).collect());
     };
@@ -48,7 +53,7 @@ pub(super) fn model_indices(path: &str, names: Option<&[String]>, scene: &SceneS
 }
 
 /// Numbers of the coarse and the fine model of an interface.
-pub(super) fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Result<[usize; 2]> {
+pub(super) fn sides_of(name: &str, table: &LoweredInterface, scene: &LoweredScene) -> Result<[usize; 2]> {
     let path = format!("interface.{name}");
     let mut out = [0; 2];
     let sides = [(&table.coarse, RoleKind::Coarse), (&table.fine, RoleKind::Fine)];
@@ -87,13 +92,13 @@ pub(super) fn sides_of(name: &str, table: &Interface, scene: &SceneSpec) -> Resu
 }
 
 /// Returns whether a model is coarse in one interface and fine in another.
-fn is_between(model: &str, scene: &SceneSpec) -> bool {
+fn is_between(model: &str, scene: &LoweredScene) -> bool {
     let mut interfaces = scene.interface.values();
     interfaces.clone().any(|i| i.coarse == model) && interfaces.any(|i| i.fine == model)
 }
 
 /// Effects on each model, with their numbers in the scene.
-pub(super) fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Effect)>>> {
+pub(super) fn effects_by_model(scene: &LoweredScene) -> Result<Vec<Vec<(usize, &Effect)>>> {
     let mut out = vec![Vec::new(); scene.model.len()];
     for (k, e) in scene.effect.iter().enumerate() {
         for m in effect_models(k, e, scene)? {
@@ -104,7 +109,7 @@ pub(super) fn effects_by_model(scene: &SceneSpec) -> Result<Vec<Vec<(usize, &Eff
 }
 
 /// Numbers of the two models that effect `k` acts between; `None` if it acts on single models.
-pub(super) fn contact_sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Option<[usize; 2]>> {
+pub(super) fn contact_sides(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Option<[usize; 2]>> {
     let Some(names) = &e.between else {
         return Ok(None);
     };
@@ -142,17 +147,17 @@ pub(super) fn contact_sides(k: usize, e: &Effect, scene: &SceneSpec) -> Result<O
 pub(super) const SOLID: &str = "a solid of kind = \"fem\" or \"cnem\" (a line can have stiffness_damping)";
 
 /// Numbers of the models that an effect acts on: the named ones, or all that can have it.
-pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usize>> {
+pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<usize>> {
     let path = format!("effect[{k}]");
     if contact_sides(k, e, scene)?.is_some() {
         return Ok(Vec::new());
     }
     let (what, bearer) = (e.kind.key(), e.kind.bearer());
-    let tables: Vec<&ModelTable> = scene.model.values().collect();
+    let tables: Vec<&LoweredModel> = scene.model.values().collect();
     let fits = |m: &usize| match bearer {
         Bearer::Any => true,
         Bearer::Solids => {
-            let is_line = matches!(tables[*m].shape, Shape::Bar { .. });
+            let is_line = tables[*m].shape.is_line();
             kind(tables[*m].kind).elements().is_some() && !is_line
         }
         Bearer::Particles => kind(tables[*m].kind).has_spheres(),
@@ -189,4 +194,15 @@ pub fn effect_models(k: usize, e: &Effect, scene: &SceneSpec) -> Result<Vec<usiz
         return Err(key(path, rule));
     }
     Ok(fitting)
+}
+
+/// Refuses a name that would break the header of output tables.
+pub(super) fn headline(path: &str, name: Option<&str>) -> Result<()> {
+    match name {
+        Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
+            let rule = "stands at the head of tables with commas; take letters, digits, spaces, - and _";
+            Err(value(format!("{path}.name"), format_args!("{n:?}"), rule))
+        }
+        _ => Ok(()),
+    }
 }

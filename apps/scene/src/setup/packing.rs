@@ -73,7 +73,8 @@ pub struct Likeness {
     /// Relative deviation from the stiffness of the elements after scaling by that factor: anisotropy, or
     /// another Poisson's ratio.
     pub uneven: f64,
-    /// Young's modulus of the beams over that from bulk properties, or over that given in the scene.
+    /// Young's modulus of the beams as fitted to the body, over the one that the scene gives or that bulk
+    /// properties imply.
     pub beams: f64,
     /// Number of spheres across an open border: `√|∫ n dA|` over the mean diameter. `None` if the border is
     /// closed or supports hold the zone in every direction.

@@ -7,7 +7,8 @@ use super::shapes::corners;
 use super::skin::Skin;
 use super::{load, names, probe, select, shared, support};
 use crate::error::{Result, key, unknown, value};
-use crate::spec::{Load, ModelTable, SceneSpec, Selection, Shape, Support};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene};
+use crate::spec::{Load, Selection, Support};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::packing::Container;
 use arlequin::dem_beam::packing::size::mean_diameter;
@@ -22,7 +23,7 @@ const DEPTH: f64 = 0.5;
 ///
 /// # Errors
 /// The key, and the extent of its model.
-pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &Path) -> Result<()> {
+pub(super) fn check_meshes(scene: &LoweredScene, bodies: &[Option<Body>], folder: &Path) -> Result<()> {
     let built = |path: &str, name: &str| {
         let m = names::model_index(&format!("{path}.model"), name, scene)?;
         Ok(bodies[m].as_ref().map(|body| (m, body)))
@@ -62,7 +63,7 @@ pub(super) fn check_meshes(scene: &SceneSpec, bodies: &[Option<Body>], folder: &
 /// Refuses a support on a body with zones that selects neither a part of the body's mesh nor a place where
 /// spheres of a zone could be.
 fn held_somewhere(path: &str, s: &Support, body: &Body, folder: &Path) -> Result<()> {
-    let Shape::Piece(piece) = &body.shape else {
+    let BodyShape::Piece(piece) = &body.shape else {
         return Ok(());
     };
     let (whole, path) = (piece.whole(folder)?, format!("{path}.where"));
@@ -97,7 +98,7 @@ fn meets(path: &str, selection: &Selection, name: &str, ends: [Vector3<f64>; 2])
 ///
 /// # Errors
 /// The key, and the known groups or the reason.
-pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
+pub(super) fn check_fillings(scene: &LoweredScene, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
         if !kind(table.kind).has_spheres() {
             continue;
@@ -133,8 +134,8 @@ pub(super) fn check_fillings(scene: &SceneSpec, folder: &Path) -> Result<()> {
 
 /// Refuses tractions and pressures that hold no part of the surface of particles.
 fn check_tractions(
-    scene: &SceneSpec,
-    (name, table): (&String, &ModelTable),
+    scene: &LoweredScene,
+    (name, table): (&String, &LoweredModel),
     filling: &Filling,
 ) -> Result<()> {
     let on_surface = |l: &Load| l.model == *name && (l.traction.is_some() || l.pressure.is_some());
@@ -146,7 +147,7 @@ fn check_tractions(
     Ok(())
 }
 
-/// What is known of the place of particles before they are packed.
+/// Place of particles as far as it is known before they are packed.
 struct Ground {
     /// Groups of a file or of a zone; `None` if the kind of the model knows the groups of its shape.
     groups: Option<BTreeMap<String, ()>>,
@@ -166,16 +167,16 @@ impl Ground {
 }
 
 /// Container of the particles of a model that is no zone, and the place of the particles.
-fn place_of(name: &str, table: &ModelTable, folder: &Path) -> Result<(Option<Filling>, Ground)> {
+fn place_of(name: &str, table: &LoweredModel, folder: &Path) -> Result<(Option<Filling>, Ground)> {
     let named = |groups: &mut dyn Iterator<Item = &String>| groups.map(|g| (g.clone(), ())).collect();
-    if let Shape::Piece(piece) = &table.shape {
+    if let BodyShape::Piece(piece) = &table.shape {
         let (triangles, mesh) = piece.surface(folder)?;
         let groups = Some(named(&mut triangles.groups.keys()));
         let ends = corners(mesh.nodes());
         return Ok((None, Ground { groups, ends }));
     }
     let filling = Filling::from_table(&format!("model.{name}"), table, folder)?;
-    let groups = matches!(table.shape, Shape::File(_)).then(|| named(&mut filling.faces.keys()));
+    let groups = table.shape.is_file().then(|| named(&mut filling.faces.keys()));
     let ends = filling.ends();
     Ok((Some(filling), Ground { groups, ends }))
 }
@@ -185,7 +186,7 @@ fn check_point(
     path: &str,
     name: &str,
     point: &[f64; 3],
-    (table, filling): (&ModelTable, Option<&Filling>),
+    (table, filling): (&LoweredModel, Option<&Filling>),
     folder: &Path,
 ) -> Result<()> {
     let path = format!("{path}.at");
@@ -194,7 +195,7 @@ fn check_point(
         Err(value(&path, format_args!("{point:?} m"), &rule))
     };
     let Some(filling) = filling else {
-        let Shape::Piece(piece) = &table.shape else {
+        let BodyShape::Piece(piece) = &table.shape else {
             return Ok(());
         };
         return match piece.holds(&Point3::from(*point), folder)? {
@@ -222,7 +223,7 @@ fn check_point(
 }
 
 /// Mean radius of the spheres that a table requests \[m\]; zero if it reads spheres from a file.
-fn radius_of(table: &ModelTable, container: &Container) -> f64 {
+fn radius_of(table: &LoweredModel, container: &Container) -> f64 {
     let diameter = match (table.spacing, table.dem.count) {
         (Some(h), _) => h,
         (None, Some(n)) => mean_diameter(container.volume(), n as f64),

@@ -6,9 +6,8 @@ use super::kinds::kind;
 use super::names::effect_models;
 use super::shapes::corners;
 use super::time::time_function;
-use crate::spec::{
-    CriterionKind, Effect, EffectKind, ModelTable, OverlapShape, RegionShape, SceneSpec, Shape, TimeShape,
-};
+use crate::setup::{LoweredModel, LoweredScene, OverlapSource};
+use crate::spec::{CriterionKind, Effect, EffectKind, OverlapShape, RegionShape, TimeShape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{OwnStep, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
@@ -37,18 +36,18 @@ const SAMPLES: u32 = 1000;
 const MILLIMETRES: [f64; 2] = [1.0, 0.1];
 /// Largest plausible overrun of the end, as a share of the run: a run makes whole steps.
 const OVERRUN: f64 = 0.25;
-/// The same for models without own steps, whose whole steps are short.
+/// Largest plausible overrun for models without own steps, whose whole steps are short.
 const OVERRUN_ALONE: f64 = 1.0;
 /// Largest number of cells of one model that are searched for in another.
 const LOOKS: usize = 2000;
 
 /// Returns all warnings about a scene that has been built.
-pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
+pub(super) fn warnings(scene: &LoweredScene, built: &Built) -> Vec<String> {
     let mut out = Vec::new();
     // A unit material means that the scene has its own units of length, time and load; only ratios can then
     // be odd.
     let is_one = |x: f64| x.to_bits() == 1.0_f64.to_bits();
-    let unit = |m: &ModelTable| is_one(m.material.young) && is_one(m.material.density);
+    let unit = |m: &LoweredModel| m.material.is_some_and(|m| is_one(m.young) && is_one(m.density));
     if !scene.model.values().any(unit) {
         scene
             .model
@@ -58,7 +57,7 @@ pub(super) fn warnings(scene: &SceneSpec, built: &Built) -> Vec<String> {
         out.extend(millimetres(built));
     }
     for (name, table) in &scene.model {
-        if let (Shape::Bar { .. }, Some(nu)) = (&table.shape, table.material.poisson) {
+        if let (true, Some(nu)) = (table.shape.is_line(), table.material.and_then(|m| m.poisson)) {
             out.push(format!(
                 "model '{name}': material.poisson = {nu} does not enter: a line has no width; remove it"
             ));
@@ -83,10 +82,15 @@ fn far_outside(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
     }
 }
 
-fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
+fn materials(name: &str, table: &LoweredModel, out: &mut Vec<String>) {
     let values = [
-        ("material.young", Some(table.material.young), "Pa", YOUNG),
-        ("material.density", Some(table.material.density), "kg/m³", DENSITY),
+        ("material.young", table.material.map(|m| m.young), "Pa", YOUNG),
+        (
+            "material.density",
+            table.material.map(|m| m.density),
+            "kg/m³",
+            DENSITY,
+        ),
         // Beams are stiffer than the body that they form.
         ("dem.young", table.dem.young, "Pa", [YOUNG[0], 10.0 * YOUNG[1]]),
     ];
@@ -101,11 +105,11 @@ fn materials(name: &str, table: &ModelTable, out: &mut Vec<String>) {
     }
 }
 
-fn strengths(scene: &SceneSpec, out: &mut Vec<String>) {
+fn strengths(scene: &LoweredScene, out: &mut Vec<String>) {
     let beams = scene.model.values().filter(|m| kind(m.kind).has_spheres());
     // Independent of the models the effect acts on, the softest beams give the largest strain.
     let young = beams
-        .map(|m| m.dem.young.unwrap_or(m.material.young))
+        .filter_map(|m| m.dem.young.or(Some(m.material?.young)))
         .fold(f64::INFINITY, f64::min);
     for (k, e) in scene.effect.iter().enumerate() {
         let EffectKind::Fracture(f) = &e.kind else {
@@ -153,7 +157,7 @@ fn millimetres(built: &Built) -> Option<String> {
 }
 
 /// Warns about large stresses from loads and body forces, estimated from the size of the body.
-fn loads(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
+fn loads(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
     let size = |v: [f64; 3]| Vector3::from(v).norm();
     let names: Vec<&String> = scene.model.keys().collect();
     let mut judge = |what: String, model: usize, stress: f64| {
@@ -238,7 +242,7 @@ fn peaks(shape: &TimeShape, built: &Built) -> [f64; 2] {
 }
 
 /// Warns about prescribed motions larger than the body or faster than its waves.
-fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec<String>) {
+fn prescribed(scene: &LoweredScene, built: &Built, names: &[&String], out: &mut Vec<String>) {
     let supports = scene.support.iter().enumerate();
     for (k, s) in supports {
         let (Some(m), Some(motion)) = (names.iter().position(|n| **n == s.model), &s.motion) else {
@@ -273,7 +277,7 @@ fn prescribed(scene: &SceneSpec, built: &Built, names: &[&String], out: &mut Vec
 }
 
 /// Warns about overlaps of models with very different stiffness, and about overlaps of few elements.
-fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
+fn overlaps(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
     let info = |name: &String| {
         scene
             .model
@@ -299,18 +303,18 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
         let Some(width) = width(&i.overlap) else { continue };
         // A mesh can be finer in one place than in another.
         let spacing = match &i.overlap {
-            OverlapShape::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
-            OverlapShape::Slab { fine, coarse: far } => {
+            OverlapSource::Zone(piece) => piece.width().map_or(coarse.spacing, |w| w.spacing),
+            OverlapSource::Given(OverlapShape::Slab { fine, coarse: far }) => {
                 let ends = [Point3::from(*far), Point3::from(*fine)];
                 coarse.grid.extent_across(ends).unwrap_or(coarse.spacing)
             }
-            _ => coarse.spacing,
+            OverlapSource::Given(OverlapShape::Shell { .. }) => coarse.spacing,
         };
         let elements_across = width / spacing;
         // A zone's overlap consists of whole elements, whose mean size is only an estimate: 2.8 are three.
         let least = match &i.overlap {
-            OverlapShape::Zone(_) => ACROSS - 0.5,
-            _ => ACROSS * (1.0 - 1e-6),
+            OverlapSource::Zone(_) => ACROSS - 0.5,
+            OverlapSource::Given(_) => ACROSS * (1.0 - 1e-6),
         };
         if elements_across < least {
             out.push(format!(
@@ -324,7 +328,11 @@ fn overlaps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
 }
 
 /// Distance between the two borders of an overlap \[m\]; `None` if it has no single value.
-fn width(overlap: &OverlapShape) -> Option<f64> {
+fn width(overlap: &OverlapSource) -> Option<f64> {
+    let overlap = match overlap {
+        OverlapSource::Zone(piece) => return piece.width().map(|w| w.mean),
+        OverlapSource::Given(overlap) => overlap,
+    };
     match overlap {
         OverlapShape::Slab { fine, coarse } => Some((Vector3::from(*coarse) - Vector3::from(*fine)).norm()),
         OverlapShape::Shell { core, domain } => match (core, domain) {
@@ -351,12 +359,11 @@ fn width(overlap: &OverlapShape) -> Option<f64> {
                 .reduce(f64::min),
             _ => None,
         },
-        OverlapShape::Zone(piece) => piece.width().map(|w| w.mean),
     }
 }
 
 /// Warns about models that fill the same space without interface or contact.
-fn untied(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
+fn untied(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
     let names: Vec<&String> = scene.model.keys().collect();
     let tied = |a: &String, b: &String| {
         let pair = |x: &String, y: &String| (x == a && y == b) || (x == b && y == a);
@@ -427,7 +434,7 @@ fn steps(built: &Built) -> Option<String> {
 
 /// Warns about own steps that differ from the requested ones, or that are too long for what the mesh
 /// resolves.
-fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
+fn own_steps(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
     // A `[static]` scene makes no time steps.
     if built.load_steps.is_some() {
         return;
@@ -460,7 +467,7 @@ fn own_steps(scene: &SceneSpec, built: &Built, out: &mut Vec<String>) {
 }
 
 /// Warns if a run of few whole steps continues well beyond the requested end.
-fn beyond_the_end(scene: &SceneSpec, built: &Built) -> Option<String> {
+fn beyond_the_end(scene: &LoweredScene, built: &Built) -> Option<String> {
     let (end, begin, dt) = (scene.time.end?, built.run.time(), built.run.dt());
     let last = begin + built.steps as f64 * dt;
     let several = built.run.subdomains().iter().any(|s| s.own_steps() > 1);
@@ -485,7 +492,9 @@ mod tests {
     /// The width of a shell is that of its thinnest place, where its surfaces have different centres or axes.
     #[test]
     fn the_thinnest_place_of_a_shell_is_its_width() {
-        let shell = |core, domain| width(&OverlapShape::Shell { core, domain }).expect("a width");
+        let shell = |core, domain| {
+            width(&OverlapSource::Given(OverlapShape::Shell { core, domain })).expect("a width")
+        };
         let ball = |x, radius| Ball {
             centre: [x, 0.0, 0.0],
             radius,

@@ -3,12 +3,12 @@
 use super::interface::Plan;
 use super::kind::Order;
 use super::kinds::{self, kind};
-use super::names::{effect_models, effects_by_model, model_index, model_indices};
+use super::names::{effects_by_model, headline, model_index, model_indices};
 use super::shapes::ends;
-use super::{between, drive, fracture, grains, load, places, probe, select, statics, time};
-use crate::error::{Result, core, dem, key, unknown, value};
-use crate::spec::{Axis, Effect, EffectKind, ModelTable, Quantity, Reading, SceneSpec, Selection, Shape};
-use arlequin::core::invalid;
+use super::{between, drive, load, places, probe, select, statics, time};
+use crate::error::{Result, key, unknown, value};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{Axis, Effect, Quantity, Reading, Selection};
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
@@ -21,7 +21,7 @@ pub(super) struct Checked<'a> {
 }
 
 /// Checks the tables of the models, each by itself.
-pub(super) fn models(scene: &SceneSpec, folder: &Path) -> Result<()> {
+pub(super) fn models(scene: &LoweredScene, folder: &Path) -> Result<()> {
     if scene.model.is_empty() {
         return Err(key("model", "a scene needs at least one model"));
     }
@@ -34,7 +34,7 @@ pub(super) fn models(scene: &SceneSpec, folder: &Path) -> Result<()> {
 }
 
 /// Checks all other tables of a scene, whose models are checked.
-pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checked<'a>> {
+pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Checked<'a>> {
     let interfaces = scene.interface.iter();
     let interfaces = interfaces.map(|(name, table)| Plan::new(name, table, scene, folder));
     let interfaces = interfaces.collect::<Result<_>>()?;
@@ -49,7 +49,7 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
     }
     between::touching(scene)?;
     for (k, e) in scene.effect.iter().enumerate() {
-        effect(k, e, scene)?;
+        drive::check(k, e, scene)?;
     }
     acting(scene)?;
     watched(scene)?;
@@ -58,7 +58,7 @@ pub(super) fn scene<'a>(scene: &'a SceneSpec, folder: &'a Path) -> Result<Checke
     Ok(Checked { effects, interfaces })
 }
 
-fn order<'a>(name: &'a str, key: &'a str, table: &'a ModelTable, folder: &'a Path) -> Order<'a> {
+fn order<'a>(name: &'a str, key: &'a str, table: &'a LoweredModel, folder: &'a Path) -> Order<'a> {
     Order {
         name,
         key,
@@ -70,7 +70,7 @@ fn order<'a>(name: &'a str, key: &'a str, table: &'a ModelTable, folder: &'a Pat
 }
 
 /// Refuses a spacing larger than the body: the body would silently become one element.
-fn spacing(path: &str, table: &ModelTable) -> Result<()> {
+fn spacing(path: &str, table: &LoweredModel) -> Result<()> {
     let (Some(h), Some([low, high])) = (table.spacing, ends(&table.shape)) else {
         return Ok(());
     };
@@ -83,7 +83,7 @@ fn spacing(path: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Checks supports, loads and initial states.
-fn acting(scene: &SceneSpec) -> Result<()> {
+fn acting(scene: &LoweredScene) -> Result<()> {
     for (k, s) in scene.support.iter().enumerate() {
         let path = format!("support[{k}]");
         let table = model(&path, &s.model, scene)?;
@@ -112,19 +112,8 @@ fn acting(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a name that would break the header of output tables.
-fn headline(path: &str, name: Option<&str>) -> Result<()> {
-    match name {
-        Some(n) if n.trim().is_empty() || n.contains(|c: char| ",;\"".contains(c) || c.is_control()) => {
-            let rule = "stands at the head of tables with commas; take letters, digits, spaces, - and _";
-            Err(value(format!("{path}.name"), format_args!("{n:?}"), rule))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Checks probes and curves.
-fn watched(scene: &SceneSpec) -> Result<()> {
+fn watched(scene: &LoweredScene) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
         if let Some(exerted_name) = &p.of {
@@ -172,14 +161,14 @@ fn watched(scene: &SceneSpec) -> Result<()> {
     Ok(())
 }
 
-fn model<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<&'a ModelTable> {
+fn model<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<&'a LoweredModel> {
     model_index(&format!("{path}.model"), name, scene)?;
     Ok(&scene.model[name])
 }
 
 /// Refuses a direction in which a line model cannot move.
-fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -> Result<()> {
-    if matches!(table.shape, Shape::Bar { .. }) && axis != Axis::X {
+fn along(path: &str, axis: Axis, name: &str, table: &LoweredModel, remedy: &str) -> Result<()> {
+    if table.shape.is_line() && axis != Axis::X {
         return Err(key(
             path,
             format!("model '{name}' moves along x only; use {remedy}"),
@@ -189,7 +178,7 @@ fn along(path: &str, axis: Axis, name: &str, table: &ModelTable, remedy: &str) -
 }
 
 /// Refuses a group that a generated shape does not have, and a box whose high corner is below its low corner.
-fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()> {
+fn selection(path: &str, selection: &Selection, table: &LoweredModel) -> Result<()> {
     let name = match selection {
         Selection::Box(low, high) => return select::check_box(path, low, high),
         Selection::Group(name) => name,
@@ -203,32 +192,4 @@ fn selection(path: &str, selection: &Selection, table: &ModelTable) -> Result<()
     let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
     groups.sort();
     Err(unknown(path, name, "group of the model", groups.iter()))
-}
-
-/// Checks the numbers of an effect.
-fn effect(k: usize, e: &Effect, scene: &SceneSpec) -> Result<()> {
-    let path = format!("effect[{k}].{}", e.kind.key());
-    match &e.kind {
-        EffectKind::Fracture(f) => {
-            let models = effect_models(k, e, scene)?;
-            let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
-            tables.try_for_each(|(_, (name, table))| {
-                fracture::fracture(&path, f, (&format!("model.{name}"), table)).map(|_| ())
-            })
-        }
-        // Any modulus: only the other numbers are checked.
-        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
-        EffectKind::Obstacle(o) => {
-            headline(&path, o.name.as_deref())?;
-            grains::obstacle_parts(k, o)?;
-            let law = grains::law(1.0, &o.contact);
-            law.check().map_err(dem(format!("{path}.contact")))
-        }
-        EffectKind::BulkViscosity(b) if b.coefficient < 0.0 => {
-            let rule = "must not be negative [-]; the usual one is 0.06";
-            let wrong = invalid("bulk viscosity coefficient", b.coefficient, rule);
-            Err(core(format!("{path}.coefficient"))(wrong))
-        }
-        _ => drive::simple_effect(k, e).map(|_| ()),
-    }
 }

@@ -5,7 +5,8 @@ use super::mesh::Grid;
 use super::names::effect_models;
 use super::shapes::corners;
 use crate::error::Result;
-use crate::spec::{EffectKind, Obstacle, ObstacleShape, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::{EffectKind, Obstacle, ObstacleShape};
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
 use std::f64::consts::PI;
 
@@ -26,7 +27,7 @@ pub struct RigidPicture {
 }
 
 /// Rigid bodies of a scene, one for each model that they act on.
-pub(super) fn pictures(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
+pub(super) fn pictures(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<RigidPicture>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let EffectKind::Obstacle(o) = &e.kind else {
@@ -52,6 +53,7 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
         ObstacleShape::Plane { point, normal } => {
             let (point, normal) = (Point3::from(point), Vector3::from(normal).normalize());
             let centre = middle - normal * normal.dot(&(middle - point));
+            // An endless plane is drawn somewhat larger than the model.
             let [a, b] = across(&normal).map(|v| v * (0.75 * size));
             let points = vec![centre - a - b, centre + a - b, centre + a + b, centre - a + b];
             (grid(points, vec![0, 1, 2, 3]), centre)

@@ -1,6 +1,7 @@
 //! Regions and extents of the shapes of a scene.
 
 use crate::error::{Result, key, value};
+use crate::setup::BodyShape;
 use crate::spec::{RegionShape, Shape};
 use arlequin::core::Primitive;
 use arlequin::core::nalgebra::{Point3, Unit, Vector3};
@@ -53,8 +54,8 @@ pub(super) fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
 }
 
 /// Lowest and highest corner of a shape; `None` if a file, a zone or a link determines them.
-pub(super) fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
-    Some(match *shape {
+pub(super) fn ends(shape: &BodyShape) -> Option<[[f64; 3]; 2]> {
+    Some(match *shape.given()? {
         Shape::Box { low, high, .. } => [low, high],
         Shape::Cylinder { from, length, radius } => {
             let [x, y, z] = from;
@@ -62,12 +63,12 @@ pub(super) fn ends(shape: &Shape) -> Option<[[f64; 3]; 2]> {
         }
         Shape::Bar { from, to, .. } => [[from, 0.0, 0.0], [to, 0.0, 0.0]],
         Shape::Ball { centre, radius } => [centre.map(|c| c - radius), centre.map(|c| c + radius)],
-        Shape::File(_) | Shape::Piece(_) | Shape::Linked => return None,
+        Shape::File(_) => return None,
     })
 }
 
 /// Corners of the bounding box of a shape.
-pub(super) fn shape_corners(shape: &Shape) -> Option<Vec<Point3<f64>>> {
+pub(super) fn shape_corners(shape: &BodyShape) -> Option<Vec<Point3<f64>>> {
     let ends = ends(shape)?;
     let corner = |k: usize| Point3::new(ends[k & 1][0], ends[(k >> 1) & 1][1], ends[(k >> 2) & 1][2]);
     Some((0..8).map(corner).collect())

@@ -14,7 +14,8 @@ use super::load::{self, Traction};
 use super::spread::{Carriers, Resultant, Wrench, make_up};
 use super::{names, select, time, weights};
 use crate::error::{Result, core, fem, key, unknown};
-use crate::spec::{SceneSpec, Selection, Shape};
+use crate::setup::{BodyShape, LoweredScene};
+use crate::spec::Selection;
 use arlequin::core::Weight;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -83,7 +84,7 @@ struct Shared<'a> {
 pub(super) fn loads(
     k: usize,
     body: usize,
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     bodies: &[Body],
     joints: &[BuiltInterface],
     folder: &Path,
@@ -110,7 +111,7 @@ pub(super) fn loads(
 }
 
 /// Refuses a load on a zone where a load on the body already acts: the zone would be loaded twice.
-fn not_twice(k: usize, part: &Part, scene: &SceneSpec, body: &Body) -> Result<()> {
+fn not_twice(k: usize, part: &Part, scene: &LoweredScene, body: &Body) -> Result<()> {
     let (zone, whole) = (body.model.name(), &scene.load[k].model);
     for (o, other_load) in scene.load.iter().enumerate().filter(|(_, o)| o.model == zone) {
         let key_path = format!("load[{o}].where");
@@ -133,7 +134,7 @@ impl<'a> Shared<'a> {
     fn new(
         k: usize,
         body: usize,
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         (bodies, joints): (&'a [Body], &[BuiltInterface]),
         folder: &'a Path,
     ) -> Result<Self> {
@@ -185,7 +186,7 @@ impl<'a> Shared<'a> {
             let fine = |x: &Point3<f64>| 1.0 - f.value(x);
             let body = &self.bodies[*z];
             let part = match (&body.shape, body.grains.is_some()) {
-                (Shape::Piece(piece), true) => {
+                (BodyShape::Piece(piece), true) => {
                     let facets = piece.facets(&self.group, self.folder)?;
                     self.on_spheres(*z, &facets, &fine)?
                 }
@@ -277,7 +278,7 @@ impl<'a> Shared<'a> {
 /// triangles.
 pub(super) fn surface(
     k: usize,
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     body: &Body,
     folder: &Path,
 ) -> Result<(String, Vec<SurfaceFacet<f64>>, Faces)> {
@@ -286,7 +287,7 @@ pub(super) fn surface(
         Selection::Group(name) => name.clone(),
         Selection::Box(..) => path.clone(),
     };
-    let Shape::Piece(piece) = &body.shape else {
+    let BodyShape::Piece(piece) = &body.shape else {
         return Err(key(path, "is on a body without zones"));
     };
     let whole = piece.whole(folder)?;

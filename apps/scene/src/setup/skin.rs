@@ -4,19 +4,17 @@
 //! loaded part carries the traction of the nearest triangle on an area in proportion to its section. The
 //! resultant is then corrected to that of the surface, in force and moment.
 
-use super::body::Body;
 use super::faces::Faces;
 use super::filling::Filling;
-use super::load;
 use super::select;
-use super::spread::{Carrier, Carriers, Resultant, make_up};
 use crate::error::{Result, key, unknown};
-use crate::spec::{Load, Selection, Shape};
+use crate::setup::BodyShape;
+use crate::spec::{Selection, Shape};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::dem_beam::Surface;
 use arlequin::dem_beam::packing::Container;
-use arlequin::dem_beam::{Surface, TOUCH};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -34,10 +32,12 @@ pub(super) struct Skin {
 
 impl Skin {
     /// Returns the surface of a shape.
-    pub(super) fn new(shape: &Shape, filling: &Filling) -> Self {
-        let groups = match *shape {
-            Shape::Box { low, high, .. } => cuboid(low, high),
-            Shape::Cylinder { from, length, radius } => cylinder(&Point3::from(from), length, radius),
+    pub(super) fn new(shape: &BodyShape, filling: &Filling) -> Self {
+        let groups = match shape.given() {
+            Some(Shape::Box { low, high, .. }) => cuboid(*low, *high),
+            Some(Shape::Cylinder { from, length, radius }) => {
+                cylinder(&Point3::from(*from), *length, *radius)
+            }
             _ => return Self::from_file(filling),
         };
         let mut out = Self {
@@ -162,72 +162,8 @@ fn clip(polygon: Vec<Point3<f64>>, depth: &dyn Fn(&Point3<f64>) -> f64, slack: f
     out
 }
 
-/// Returns the spheres that carry a traction or pressure.
-///
-/// # Errors
-/// A selection without surface or without spheres; spheres that are too few to carry the moment.
-pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Carriers> {
-    let (name, key_path) = (body.model.name(), format!("{path}.where"));
-    let triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
-    let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(facet).collect();
-    let field = load::traction(path, l, &facets)?;
-    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-    let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
-    let mut prescribed = Resultant::zero(middle);
-    for f in &facets {
-        prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
-    }
-    let radii = &body.grid.radii;
-    let gap = TOUCH * 0.5 * body.spacing;
-    let (faces, points) = (Faces::new(triangles), body.model.nodes());
-    let [low, high] = faces.bounds();
-    let reach = |k: usize| radii[k] + gap;
-    let is_near =
-        |k: &usize| (0..3).all(|c| points[*k][c] + reach(*k) > low[c] && points[*k][c] - reach(*k) < high[c]);
-    let near = (0..points.len()).filter(is_near);
-    let touching: Vec<(usize, usize)> = near
-        .map(|k| (k, faces.nearest(&points[k])))
-        .filter(|(k, (_, distance))| *distance < reach(*k))
-        .map(|(k, (triangle, _))| (k, triangle))
-        .collect();
-    if touching.is_empty() {
-        let rule = format!(
-            "no sphere of model '{name}' touches {}; choose a larger surface, or smaller spheres",
-            l.at
-        );
-        return Err(key(key_path, rule));
-    }
-    let mut out = distribute(&touching, (points, radii), &facets, &field);
-    let missing = prescribed.wrench.minus(&out.exert(prescribed.wrench.about));
-    let remainder = make_up(&mut out.0.values_mut().collect::<Vec<&mut Carrier>>(), missing);
-    let who = format!(
-        "too few spheres of model '{name}' touch {} to carry its moment; choose a larger surface, or smaller spheres",
-        l.at
-    );
-    prescribed.enough(path, &who, &remainder)?;
-    Ok(out)
-}
-
-/// Gives each sphere the traction of its facet on an area in proportion to its section. `touching` has the
-/// numbers of spheres and of their facets.
-fn distribute(
-    touching: &[(usize, usize)],
-    (points, radii): (&[Point3<f64>], &[f64]),
-    facets: &[SurfaceFacet<f64>],
-    field: &dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>,
-) -> Carriers {
-    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-    let sections: f64 = touching.iter().map(|(k, _)| radii[*k].powi(2)).sum();
-    let mut out = Carriers::default();
-    for &(k, triangle) in touching {
-        let share = area * radii[k].powi(2) / sections;
-        out.add(k, points[k], share, field(&facets[triangle]) * share);
-    }
-    out
-}
-
-fn facet(t: &Triangle) -> SurfaceFacet<f64> {
+/// Returns a triangle as a facet without nodes.
+pub(super) fn facet(t: &Triangle) -> SurfaceFacet<f64> {
     let vector = area_vector(t);
     SurfaceFacet {
         nodes: Vec::new(),
@@ -302,6 +238,7 @@ fn cylinder(from: &Point3<f64>, length: f64, radius: f64) -> BTreeMap<String, Ve
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::setup::spread::distribute;
 
     /// Spheres of three sizes at the mantle of a cylinder under a pressure: each is pushed towards the
     /// axis, in proportion to its section.

@@ -1,8 +1,8 @@
 //! Forces on nodes or spheres that have a prescribed resultant.
 
-use super::load;
 use crate::error::{Result, key};
-use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::effect::SurfaceFacet;
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::BTreeMap;
 
 /// Largest relative error of a distributed load.
@@ -115,9 +115,9 @@ pub(super) fn make_up(carriers: &mut [&mut Carrier], missing: Wrench) -> Wrench 
     if area <= 0.0 {
         return missing;
     }
-    let (middle, polar) = load::polar(carriers.iter().map(|c| (c.point, c.area)));
+    let (middle, polar) = polar(carriers.iter().map(|c| (c.point, c.area)));
     let moment = missing.moment - (middle - missing.about).cross(&missing.force);
-    let (along, turn) = (missing.force / area, load::turn(&polar, &moment));
+    let (along, turn) = (missing.force / area, turn(&polar, &moment));
     let mut remainder = missing;
     for c in carriers {
         let more = (along + turn.cross(&(c.point - middle))) * c.area;
@@ -127,4 +127,45 @@ pub(super) fn make_up(carriers: &mut [&mut Carrier], missing: Wrench) -> Wrench 
         remainder = remainder.minus(&added);
     }
     remainder
+}
+
+/// Returns the weighted centre `c` of points `x` with weights `a`, and `J = Σ a (|r|² 1 − r rᵀ)` with
+/// `r = x − c`. Forces `a θ × r` have the moment `J θ` and no resultant.
+pub(super) fn polar(places: impl Iterator<Item = (Point3<f64>, f64)> + Clone) -> (Point3<f64>, Matrix3<f64>) {
+    let (sum, total) = places.clone().fold((Vector3::zeros(), 0.0), |(s, t), (x, a)| {
+        (s + x.coords * a, t + a)
+    });
+    let centre = Point3::from(sum / total);
+    let mut polar = Matrix3::zeros();
+    for (x, a) in places {
+        let r = x - centre;
+        polar += (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * a;
+    }
+    (centre, polar)
+}
+
+/// Returns `θ` with `J θ = m` in the least-squares sense: points on a line cannot carry a moment about that
+/// line.
+pub(super) fn turn(polar: &Matrix3<f64>, moment: &Vector3<f64>) -> Vector3<f64> {
+    // Relative cut-off for a singular `J`.
+    let inverse = polar.pseudo_inverse(1e-12 * polar.norm());
+    inverse.map_or(Vector3::zeros(), |p| p * moment)
+}
+
+/// Gives each sphere the traction of its facet on an area in proportion to its section. `touching` has the
+/// numbers of spheres and of their facets.
+pub(super) fn distribute(
+    touching: &[(usize, usize)],
+    (points, radii): (&[Point3<f64>], &[f64]),
+    facets: &[SurfaceFacet<f64>],
+    field: &dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>,
+) -> Carriers {
+    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+    let sections: f64 = touching.iter().map(|(k, _)| radii[*k].powi(2)).sum();
+    let mut out = Carriers::default();
+    for &(k, triangle) in touching {
+        let share = area * radii[k].powi(2) / sections;
+        out.add(k, points[k], share, field(&facets[triangle]) * share);
+    }
+    out
 }

@@ -3,7 +3,8 @@
 use super::formula;
 use super::kinds::kind;
 use crate::error::{Result, key, value};
-use crate::spec::{Bearer, Effect, EffectKind, ModelTable, SceneSpec, Shape, Static};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{Bearer, Effect, EffectKind, Static};
 use arlequin::core::Relaxation;
 use std::path::Path;
 
@@ -21,7 +22,7 @@ pub struct LoadSteps {
 }
 
 /// Load steps of a scene; `None` without `[static]`.
-pub(super) fn load_steps(scene: &SceneSpec, folder: &Path) -> Result<Option<LoadSteps>> {
+pub(super) fn load_steps(scene: &LoweredScene, folder: &Path) -> Result<Option<LoadSteps>> {
     let Some(s) = &scene.statics else { return Ok(None) };
     check(scene, s)?;
     let times = match (&s.times, &s.file, s.steps) {
@@ -44,7 +45,7 @@ pub(super) fn load_steps(scene: &SceneSpec, folder: &Path) -> Result<Option<Load
     Ok(Some(LoadSteps { times, relaxation }))
 }
 
-fn check(scene: &SceneSpec, s: &Static) -> Result<()> {
+fn check(scene: &LoweredScene, s: &Static) -> Result<()> {
     if scene.time.end.is_some() || scene.time.steps.is_some() {
         return Err(key(
             "time",
@@ -91,12 +92,12 @@ fn check(scene: &SceneSpec, s: &Static) -> Result<()> {
 
 /// Refuses models at rest that no support holds in a direction: nothing would resist their rigid motion.
 /// Supports at points or lines, which leave turns free, are judged with the nodes of the models.
-pub(super) fn check_held(scene: &SceneSpec) -> Result<()> {
+pub(super) fn check_held(scene: &LoweredScene) -> Result<()> {
     if scene.statics.is_none() || !is_linear(scene) {
         return Ok(());
     }
     for group in tied(scene) {
-        let is_line = |name: &str| matches!(scene.model[name].shape, Shape::Bar { .. });
+        let is_line = |name: &str| scene.model[name].shape.is_line();
         let axes = if group.iter().all(|n| is_line(n)) { 1 } else { 3 };
         let supports = || scene.support.iter().filter(|s| group.contains(&s.model.as_str()));
         let holds = |c: usize| {
@@ -128,14 +129,14 @@ pub(super) fn check_held(scene: &SceneSpec) -> Result<()> {
 
 /// Returns whether nothing in a scene makes the load steps other than linear, so that they are solved
 /// directly.
-fn is_linear(scene: &SceneSpec) -> bool {
+fn is_linear(scene: &LoweredScene) -> bool {
     let linear = |e: &Effect| !e.enabled || e.kind.bearer() != Bearer::Particles && e.between.is_none();
-    let plain = |m: &ModelTable| !m.dem.finite_rotations && !kind(m.kind).is_remote();
+    let plain = |m: &LoweredModel| !m.dem.finite_rotations && !kind(m.kind).is_remote();
     scene.effect.iter().all(linear) && scene.model.values().all(plain)
 }
 
 /// Names of the models, in groups that interfaces tie together.
-fn tied(scene: &SceneSpec) -> Vec<Vec<&str>> {
+fn tied(scene: &LoweredScene) -> Vec<Vec<&str>> {
     let mut groups: Vec<Vec<&str>> = scene.model.keys().map(|n| vec![&**n]).collect();
     for i in scene.interface.values() {
         let sides = [&*i.coarse, &*i.fine];

@@ -4,7 +4,8 @@
 use super::body::Body;
 use super::{names, select, time};
 use crate::error::{Result, key, unknown};
-use crate::spec::{Axis, SceneSpec, Selection, Shape, Support};
+use crate::setup::{BodyShape, LoweredScene};
+use crate::spec::{Axis, Selection, Support};
 use arlequin::core::PrescribedMotion;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -22,7 +23,7 @@ pub(super) struct Held {
 
 /// Nodes that supports hold, in the order of the supports. For a support on a body with zones, those of the
 /// body's own model come first, then those of each zone.
-fn held_nodes(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
+fn held_nodes(scene: &LoweredScene, bodies: &[Body], folder: &Path) -> Result<Vec<Held>> {
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
         let path = format!("support[{support}]");
@@ -59,7 +60,7 @@ fn held_nodes(scene: &SceneSpec, bodies: &[Body], folder: &Path) -> Result<Vec<H
 }
 
 /// Refuses supports that contradict each other in the models built so far.
-pub(super) fn check_built(scene: &SceneSpec, bodies: &[Option<Body>]) -> Result<()> {
+pub(super) fn check_built(scene: &LoweredScene, bodies: &[Option<Body>]) -> Result<()> {
     let mut out = Vec::new();
     for (support, s) in scene.support.iter().enumerate() {
         let m = names::model_index(&format!("support[{support}].model"), &s.model, scene)?;
@@ -108,7 +109,7 @@ fn nothing<'a>(path: &str, selection: &Selection, parts: impl Iterator<Item = &'
 /// Refuses a support on the body that selects nodes where only spheres of a zone exist, but none of these
 /// spheres.
 fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: &Path) -> Result<()> {
-    let (Shape::Piece(piece), true, true) = (&body.shape, body.grains.is_some(), nodes.is_empty()) else {
+    let (BodyShape::Piece(piece), true, true) = (&body.shape, body.grains.is_some(), nodes.is_empty()) else {
         return Ok(());
     };
     let (whole, alone) = (piece.whole(folder)?, piece.alone(folder)?);
@@ -138,7 +139,7 @@ fn check_spheres(path: &str, s: &Support, body: &Body, nodes: &[usize], folder: 
 /// Motions that supports prescribe, each with the number of its model, in the order of the supports.
 /// Components that a support of a zone holds are removed from the body's supports in that zone.
 pub(super) fn motions(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     bodies: &[Body],
     folder: &Path,
 ) -> Result<Vec<(usize, PrescribedMotion<f64>)>> {
@@ -171,7 +172,7 @@ pub(super) fn motions(
 }
 
 /// Returns whether a support holds its nodes at rest.
-fn is_at_rest(scene: &SceneSpec, held: &Held) -> bool {
+fn is_at_rest(scene: &LoweredScene, held: &Held) -> bool {
     scene.support[held.support].motion.is_none()
 }
 
@@ -216,7 +217,7 @@ fn motion_of(path: &str, s: &Support, body: &Body, nodes: &[usize]) -> Result<Pr
 /// Refuses a component of a node that two supports prescribe, unless both hold it at rest: the user must
 /// choose one.
 fn check<'b>(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     body_of: impl Fn(usize) -> Option<&'b Body>,
     holdings: &[Held],
 ) -> Result<()> {

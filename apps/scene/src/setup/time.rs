@@ -2,7 +2,8 @@
 
 use super::formula;
 use crate::error::{Result, core, key, value};
-use crate::spec::{ModelTable, Motion, OwnStepTable, SceneSpec, Scheme, StepChoice, TimeShape};
+use crate::setup::{LoweredModel, LoweredScene};
+use crate::spec::{Motion, OwnStepTable, Scheme, StepChoice, TimeShape};
 use arlequin::core::{OwnStep, TimeFunction, TimeStep};
 
 /// Number of steps that no run can complete.
@@ -10,7 +11,7 @@ const MANY_STEPS: f64 = 1e13;
 
 /// Time step of the run. With `time.steps`, the number of steps counts those of the finest model, unless own
 /// steps are given.
-pub(super) fn step(scene: &SceneSpec) -> TimeStep<f64> {
+pub(super) fn step(scene: &LoweredScene) -> TimeStep<f64> {
     match scene.time.step {
         StepChoice::Fraction(f) if scene.time.steps.is_some() => TimeStep::Fraction(f),
         StepChoice::Fraction(f) => TimeStep::Chosen(f),
@@ -19,7 +20,7 @@ pub(super) fn step(scene: &SceneSpec) -> TimeStep<f64> {
 }
 
 /// Own steps of a model within a macro step.
-pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
+pub(super) fn own_step(scene: &LoweredScene, m: usize) -> OwnStep<f64> {
     let table = scene.model.values().nth(m).and_then(|t| t.step);
     match table.unwrap_or_default() {
         OwnStepTable {
@@ -35,7 +36,7 @@ pub(super) fn own_step(scene: &SceneSpec, m: usize) -> OwnStep<f64> {
 }
 
 /// Refuses an invalid table of own steps.
-pub(super) fn check_own(name: &str, model: &ModelTable, is_linear: bool) -> Result<()> {
+pub(super) fn check_own(name: &str, model: &LoweredModel, is_linear: bool) -> Result<()> {
     let Some(table) = model.step else { return Ok(()) };
     let path = format!("model.{name}.step");
     let rule = "needs exactly one of ratio, fraction, scheme = \"implicit\"";
@@ -61,7 +62,7 @@ pub(super) fn check_own(name: &str, model: &ModelTable, is_linear: bool) -> Resu
 }
 
 /// Number of whole steps up to the end; a step that ends there up to round-off is the last one.
-pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
+pub(super) fn steps(scene: &LoweredScene, begin: f64, dt: f64) -> Result<usize> {
     let end = match (scene.time.steps, scene.time.end) {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
@@ -77,7 +78,7 @@ pub(super) fn steps(scene: &SceneSpec, begin: f64, dt: f64) -> Result<usize> {
 }
 
 /// Number of steps between two frames: as given, otherwise for about twenty frames in all.
-pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
+pub(super) fn frames(scene: &LoweredScene, steps: usize, dt: f64) -> usize {
     let every = match (scene.output.every, scene.output.interval) {
         (Some(n), _) => n,
         (None, Some(seconds)) => (seconds / dt).round() as usize,
@@ -89,7 +90,7 @@ pub(super) fn frames(scene: &SceneSpec, steps: usize, dt: f64) -> usize {
 }
 
 /// Refuses invalid ends and steps.
-pub(super) fn check(scene: &SceneSpec) -> Result<()> {
+pub(super) fn check(scene: &LoweredScene) -> Result<()> {
     match (scene.time.end, scene.time.steps) {
         (None, None) if scene.statics.is_some() => {}
         (Some(t), None) if t <= 0.0 => return Err(value("time.end", t, "must be positive [s]")),

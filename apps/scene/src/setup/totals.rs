@@ -7,9 +7,10 @@
 
 use super::body::Body;
 use super::names::{model_index, parts};
-use super::{load, select, skin};
+use super::{load, select};
 use crate::error::{Result, core};
-use crate::spec::{Load, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::Load;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Uniform, Weight};
 
@@ -29,7 +30,7 @@ pub(super) struct Total {
 }
 
 /// Loads of a scene, except those on a body with zones, which are distributed exactly over its models.
-pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> {
+pub(super) fn collect(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Total>> {
     let mut out = Vec::new();
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
@@ -43,7 +44,7 @@ pub(super) fn collect(scene: &SceneSpec, bodies: &[Body]) -> Result<Vec<Total>> 
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
             None => match load::on_surface_of_spheres(l, body) {
                 Some(skin) => {
-                    let carriers = skin::carriers(&path, l, body, skin)?.0;
+                    let carriers = load::carriers(&path, l, body, skin)?.0;
                     carriers.values().map(|c| (c.point, c.area)).collect()
                 }
                 None => {
@@ -86,7 +87,7 @@ fn levers(moment: Vector3<f64>, parts: &mut [(Point3<f64>, f64)]) {
 
 /// Warns about loads whose sum over the models differs from the prescribed value. Loads with equal
 /// numbers and the same name (or none) are parts of one load.
-pub(super) fn warnings(scene: &SceneSpec, totals: &[Total], run: &Coupled<f64>) -> Vec<String> {
+pub(super) fn warnings(scene: &LoweredScene, totals: &[Total], run: &Coupled<f64>) -> Vec<String> {
     let bits = |v: [f64; 3]| v.map(f64::to_bits);
     let key = |t: &Total| {
         let l = &scene.load[t.load];

@@ -112,6 +112,53 @@ effects! {
     obstacle: Obstacle, Particles;
 }
 
+impl Effect {
+    /// Returns the name of effect `k` in the ledger; `None` for fracture, which exerts no force.
+    pub(crate) fn ledger_name(&self, k: usize) -> Option<String> {
+        match (&self.kind, &self.between) {
+            (EffectKind::Fracture(_), _) => None,
+            (EffectKind::Obstacle(o), _) => Some(o.ledger_name(k)),
+            (_, Some(between)) => Some(format!("contact {}", between.join("-"))),
+            (_, None) => Some(self.kind.key().replace('_', "-")),
+        }
+    }
+}
+
+impl EffectKind {
+    /// Returns whether the effect works on a model that is partitioned among ranks.
+    pub(crate) fn works_in_parts(&self) -> bool {
+        match self {
+            Self::BodyForce(_)
+            | Self::MassDamping(_)
+            | Self::StiffnessDamping(_)
+            | Self::LocalDamping(_)
+            | Self::Prestress(_)
+            | Self::Fracture(_)
+            | Self::Contact(_)
+            | Self::Obstacle(_) => true,
+            Self::BulkViscosity(_) => false,
+        }
+    }
+
+    /// Returns the function of time among the settings, with its key.
+    pub(crate) fn time_mut(&mut self) -> Option<(&'static str, &mut TimeShape)> {
+        match self {
+            Self::BodyForce(b) => Some(("time", &mut b.time)),
+            Self::Obstacle(o) => o
+                .displacement
+                .as_mut()
+                .map(|m| ("displacement.time", &mut m.time)),
+            Self::MassDamping(_)
+            | Self::StiffnessDamping(_)
+            | Self::LocalDamping(_)
+            | Self::BulkViscosity(_)
+            | Self::Prestress(_)
+            | Self::Fracture(_)
+            | Self::Contact(_) => None,
+        }
+    }
+}
+
 fn enabled() -> bool {
     true
 }

@@ -3,25 +3,26 @@
 use super::choice::choice;
 use super::model::{Element, Shape};
 use super::schema;
-use crate::setup::zone::Piece;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use arlequin::core::JunctionKind;
 pub use arlequin::core::ProfileKind;
-use arlequin::core::{Partition, Sampling, Weighting};
+use arlequin::core::{Partition, Sampling, Solver, Weighting};
 
-/// `[interface.NAME]`: the coupling of two models.
+/// `[interface.NAME]`: the coupling of two models. `O` is its overlap, as the scene gives it or as set-up
+/// derives it.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Interface")]
 #[non_exhaustive]
-pub struct Interface {
+pub struct Interface<O = OverlapShape> {
     /// Name of the coarse model, which must have `role = "coarse"`.
     pub coarse: String,
     /// Name of the fine model, which must have `role = "fine"`.
     pub fine: String,
     /// Region in which both models are present.
-    pub overlap: OverlapShape,
+    pub overlap: O,
     /// Weights by which the models share energy, mass and load in the overlap.
     #[serde(default)]
     pub weight: WeightTable,
@@ -54,6 +55,26 @@ pub struct Interface {
     pub absorber: Option<Absorber>,
 }
 
+impl<O> Interface<O> {
+    /// Returns the table with another overlap.
+    pub(crate) fn with_overlap<T>(self, overlap: T) -> Interface<T> {
+        Interface {
+            overlap,
+            coarse: self.coarse,
+            fine: self.fine,
+            weight: self.weight,
+            mediator: self.mediator,
+            junction: self.junction,
+            sampling: self.sampling,
+            solver: self.solver,
+            lumped: self.lumped,
+            partition: self.partition,
+            pin: self.pin,
+            absorber: self.absorber,
+        }
+    }
+}
+
 /// Solvers of the multipliers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -67,6 +88,16 @@ pub enum SolverKind {
     /// By conjugate gradients to 1e-12 of the jump; the result creates no energy even if the iteration ends
     /// early.
     ConjugateGradients,
+}
+
+impl From<SolverKind> for Solver<f64> {
+    fn from(kind: SolverKind) -> Self {
+        match kind {
+            SolverKind::Auto => Self::Auto,
+            SolverKind::Factor => Self::Factor,
+            SolverKind::ConjugateGradients => Self::conjugate_gradients(),
+        }
+    }
 }
 
 /// An overlap.
@@ -88,9 +119,6 @@ pub enum OverlapShape {
         /// Whole region of the fine model.
         domain: RegionShape,
     },
-    /// The layer of the body's elements around a zone.
-    #[serde(skip)]
-    Zone(Piece),
 }
 
 choice!(

@@ -34,9 +34,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// A scene file.
+/// A scene file. `M` and `I` are its models and interfaces, as the file gives them or as set-up derives them.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[serde(bound(deserialize = "M: Deserialize<'de>, I: Deserialize<'de>"))]
 #[schemars(transform = schema::exactly_one("time static"))]
 #[schemars(extend(
     "anyOf" = [{ "required": ["model"] }, { "required": ["body"] }],
@@ -46,12 +47,12 @@ use std::collections::BTreeMap;
     },
 ))]
 #[non_exhaustive]
-pub struct SceneSpec {
+pub struct SceneSpec<M = ModelTable, I = Interface> {
     /// One line for reports and plots.
     pub title: Option<String>,
     /// The body, whose coarse model is called `body`; it has the keys of a model except `role`.
     #[schemars(extend("not" = { "required": ["role"] }))]
-    pub body: Option<ModelTable>,
+    pub body: Option<M>,
     /// Fine models that replace parts of the body's model, by name.
     #[serde(default)]
     #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
@@ -59,11 +60,11 @@ pub struct SceneSpec {
     /// Models by name; at least one unless there is a body.
     #[serde(default)]
     #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
-    pub model: BTreeMap<String, ModelTable>,
+    pub model: BTreeMap<String, M>,
     /// Interfaces by name.
     #[serde(default)]
     #[schemars(extend("propertyNames" = { "pattern": schema::NAME }))]
-    pub interface: BTreeMap<String, Interface>,
+    pub interface: BTreeMap<String, I>,
     /// Length of the run and of the time steps.
     #[serde(default)]
     pub time: Time,
@@ -96,6 +97,34 @@ pub struct SceneSpec {
     pub output: Output,
     /// A model that sleeps at first.
     pub wake: Option<Wake>,
+}
+
+impl<M, I> SceneSpec<M, I> {
+    /// Returns the scene with another body, other models and other interfaces.
+    pub(crate) fn with_tables<N, J>(
+        self,
+        body: Option<N>,
+        model: BTreeMap<String, N>,
+        interface: BTreeMap<String, J>,
+    ) -> SceneSpec<N, J> {
+        SceneSpec {
+            body,
+            model,
+            interface,
+            title: self.title,
+            zone: self.zone,
+            time: self.time,
+            statics: self.statics,
+            support: self.support,
+            load: self.load,
+            effect: self.effect,
+            initial: self.initial,
+            probe: self.probe,
+            curve: self.curve,
+            output: self.output,
+            wake: self.wake,
+        }
+    }
 }
 
 /// Length of the run and of the time steps.

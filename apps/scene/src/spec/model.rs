@@ -3,7 +3,6 @@
 use super::choice::choice;
 use super::drive::Selection;
 use super::schema;
-use crate::setup::zone::Piece;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -13,9 +12,10 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ModelKind(pub(crate) usize);
 
-/// `[model.NAME]`: one mechanics model.
+/// `[model.NAME]`: one mechanics model. `S` is its shape, as the scene gives it or as set-up derives it.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "ModelTable")]
 #[schemars(transform = schema::excludes("spacing", "divisions"))]
 #[schemars(extend(
     "if" = { "properties": { "kind": { "const": "link" } } },
@@ -32,14 +32,13 @@ pub struct ModelKind(pub(crate) usize);
     },
 ))]
 #[non_exhaustive]
-pub struct ModelTable {
+pub struct ModelTable<S = Option<Shape>> {
     /// Kind of the model; changing this word exchanges the model.
     pub kind: ModelKind,
     /// Role in the coupling; required of a model that takes part in an interface.
     pub role: Option<RoleKind>,
     /// Body of the model. Default: needed by all kinds but `link`.
-    #[serde(default = "absent_shape")]
-    pub shape: Shape,
+    pub shape: S,
     /// Target distance of nodes, or mean diameter of spheres \[m\]; needed unless `divisions` or a mesh file
     /// gives it.
     #[schemars(extend("exclusiveMinimum" = 0))]
@@ -59,8 +58,7 @@ pub struct ModelTable {
     #[serde(default)]
     pub crack: Vec<Selection>,
     /// Material of the model. Default: needed by all kinds but `link`.
-    #[serde(default = "absent_material")]
-    pub material: Material,
+    pub material: Option<Material>,
     /// Other materials by the name of a physical volume of the mesh file (the first group that a volume
     /// belongs to); without `poisson`, that of `material` holds. For `fem` and `dem`. The stiffness of beams
     /// scales with the modulus; a bond between two materials counts as one half of each in series. Not with
@@ -96,27 +94,29 @@ pub struct ModelTable {
     pub start_timeout: Option<f64>,
 }
 
-/// Marks a shape that the scene does not give: right for a link, missing for all other kinds.
-fn absent_shape() -> Shape {
-    Shape::Linked
-}
-
-/// Marks a material that the scene does not give, by values that no scene can contain.
-fn absent_material() -> Material {
-    Material {
-        young: f64::NAN,
-        poisson: None,
-        density: f64::NAN,
-    }
-}
-
-impl ModelTable {
-    /// Returns the key that all kinds but links need and that is missing, if any.
-    pub(crate) fn missing(&self) -> Option<&'static str> {
-        if matches!(self.shape, Shape::Linked) {
-            return Some("shape");
+impl<S> ModelTable<S> {
+    /// Returns the table with another shape.
+    pub(crate) fn with_shape<T>(self, shape: T) -> ModelTable<T> {
+        ModelTable {
+            shape,
+            kind: self.kind,
+            role: self.role,
+            spacing: self.spacing,
+            divisions: self.divisions,
+            scale: self.scale,
+            volume: self.volume,
+            crack: self.crack,
+            material: self.material,
+            materials: self.materials,
+            step: self.step,
+            fem: self.fem,
+            cnem: self.cnem,
+            dem: self.dem,
+            command: self.command,
+            address: self.address,
+            timeout: self.timeout,
+            start_timeout: self.start_timeout,
         }
-        self.material.young.is_nan().then_some("material")
     }
 }
 
@@ -227,12 +227,6 @@ pub enum Shape {
     /// surface (or the closed surface mesh in the file), or that of an STL file (no groups). Nodes of `cnem`
     /// do so too, `spacing` apart.
     File(PathBuf),
-    /// The part of the body that `[body]` and `[zone.NAME]` leave to one of their models.
-    #[serde(skip)]
-    Piece(Piece),
-    /// A shape that only the program behind a link knows.
-    #[serde(skip)]
-    Linked,
 }
 
 choice!(
@@ -261,8 +255,6 @@ impl Shape {
             Self::Ball { .. } => "ball",
             Self::Bar { .. } => "bar",
             Self::File(_) => "file",
-            Self::Piece(_) => "a part of the body",
-            Self::Linked => "that of a link",
         }
     }
 }

@@ -50,3 +50,15 @@ fn no_file_names_a_later_room() {
     );
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
+
+/// Tables are what the file says: they know nothing of what the set-up derives from them.
+#[test]
+fn tables_do_not_name_the_set_up() {
+    let tables = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/spec");
+    for entry in std::fs::read_dir(tables).expect("the tables") {
+        let path = entry.expect("an entry").path();
+        let text = std::fs::read_to_string(&path).expect("a source");
+        let mut code = text.lines().filter(|l| !l.trim_start().starts_with("//"));
+        assert!(!code.any(|l| l.contains("crate::setup")), "{}", path.display());
+    }
+}

@@ -35,9 +35,9 @@ pub(super) const CASES: &[HardCase] = &[
     },
     HardCase {
         name: "two interfaces close together",
-        why: "interfaces are solved one after the other, which is exact only if they share no unknown",
+        why: "interfaces are usually solved one after the other, which is exact only if they share no unknown",
         naive: "the second solve breaks the constraint of the first",
-        promise: "a shared node is refused by name; one element apart works",
+        promise: "interfaces that share a node are solved together; one element apart works as well",
         fast: true,
         run: neighbours,
     },

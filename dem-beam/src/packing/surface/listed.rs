@@ -23,7 +23,7 @@ pub(crate) struct Listed {
 pub(crate) enum Listing {
     /// No wall reaches the sphere before it has moved by this distance \[m\].
     Free(f64),
-    /// Only these triangles can matter.
+    /// Only these triangles can matter as long as the sphere moves no farther than was asked.
     Near(Listed),
 }
 

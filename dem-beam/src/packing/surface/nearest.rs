@@ -103,6 +103,7 @@ impl Surface {
             let squared = (x - Vector3::new(a, b, c)).norm_squared();
             if squared < least && self.normals[t as usize] != Vector3::zeros() {
                 least = squared;
+                // Rounded up: round-off must not exclude the nearest triangle.
                 bound = squared.sqrt() * (1.0 + 1e-6);
             }
         }

@@ -6,7 +6,7 @@ pub(crate) mod schemas;
 pub(crate) mod sweeps;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 
 /// Returns the path of the shipped scene of the given name.
 pub(crate) fn scene(name: &str) -> PathBuf {
@@ -46,6 +46,16 @@ pub(crate) fn wait_for(path: &Path) {
         );
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
+}
+
+/// Waits until a condition holds or the program has ended; returns whether the condition holds.
+pub(crate) fn wait_while_running(child: &mut Child, condition: impl Fn() -> bool) -> bool {
+    let start = std::time::Instant::now();
+    while !condition() && child.try_wait().expect("a program").is_none() {
+        assert!(start.elapsed().as_secs() < 60, "still waiting after a minute");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    condition()
 }
 
 /// Runs the binary and returns its output.

@@ -3,10 +3,9 @@
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown};
 use crate::scene::{Scene, Source};
-use crate::setup;
 use crate::setup::filling::{Filling, Recipe, beam, dem, spec};
-use crate::setup::{Knife, cut, knives};
-use crate::spec::{DemTable, LooseKind, Material, ModelKind, ModelTable, SceneSpec, Shape};
+use crate::setup::{self, BodyShape, Knife, LoweredModel, LoweredScene, cut, knives};
+use crate::spec::{DemTable, LooseKind, Material, ModelKind, Shape};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
@@ -50,7 +49,7 @@ pub(super) struct Sample {
     pub beam: BeamMaterial,
     /// Test.
     pub test: Test,
-    table: ModelTable,
+    table: LoweredModel,
     folder: PathBuf,
     /// Notches of the scene, and place of the container in the scene \[m\]; only strength tests cut them.
     notches: (Vec<Knife>, Vector3<f64>),
@@ -90,7 +89,7 @@ impl Sample {
             notes.extend(replace_shape(wanted, &model_key, (&given, &mut table), &folder)?);
         }
         let fitted = table.dem.young.is_none() && table.dem.poisson.is_none();
-        if fitted && matches!(given.shape, Shape::Piece(_)) {
+        if fitted && matches!(given.shape, BodyShape::Piece(_)) {
             let rule = "the beams are those of a bulk packing as stiff as the body; the packing of a zone is then fitted in \
                         its place, by the factor that arlequin check prints";
             notes.push(rule.to_owned());
@@ -104,7 +103,7 @@ impl Sample {
     fn bar(
         seeds: u64,
         model_key: &str,
-        table: ModelTable,
+        table: LoweredModel,
         folder: PathBuf,
         beam: BeamMaterial,
     ) -> Result<Self> {
@@ -115,8 +114,8 @@ impl Sample {
                         --box or --cylinder with --spacing";
             return Err(key(format!("{model_key}.dem.file"), rule));
         };
-        let (from, form) = match table.shape {
-            Shape::Cylinder { radius, .. } => ("cylinder", format!("radius {radius:e} m")),
+        let (from, form) = match table.shape.given() {
+            Some(Shape::Cylinder { radius, .. }) => ("cylinder", format!("radius {radius:e} m")),
             _ => ("box", format!("section {:.4e} m2", bar.area)),
         };
         let sample = Self {
@@ -173,11 +172,11 @@ impl Sample {
 fn replace_shape(
     wanted: &Wanted,
     model_key: &str,
-    (given, table): (&ModelTable, &mut ModelTable),
+    (given, table): (&LoweredModel, &mut LoweredModel),
     folder: &Path,
 ) -> Result<Option<String>> {
     // Bar refuses shapes that spheres cannot fill, and spheres of a file, which have a size of their own.
-    if given.dem.file.is_some() || matches!(given.shape, Shape::Bar { .. } | Shape::Linked) {
+    if given.dem.file.is_some() || given.shape.is_line() {
         return Ok(None);
     }
     let own = match (given.spacing, given.dem.count) {
@@ -234,7 +233,7 @@ fn replace_shape(
 }
 
 /// Returns the key and the table of the chosen model, and the folder of the scene.
-fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTable, PathBuf)> {
+fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, LoweredModel, PathBuf)> {
     let scene = Scene::from_source(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
     let name = match &wanted.model {
@@ -270,7 +269,7 @@ fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, ModelTa
 }
 
 /// Returns the key under which a model stands in the file.
-fn key_in(scene: &SceneSpec, name: &str) -> String {
+fn key_in(scene: &LoweredScene, name: &str) -> String {
     match scene.body {
         Some(_) if scene.zone.contains_key(name) => format!("zone.{name}"),
         Some(_) if name == "body" => name.to_owned(),
@@ -279,26 +278,26 @@ fn key_in(scene: &SceneSpec, name: &str) -> String {
 }
 
 /// Returns a box along x with a corner at the origin.
-fn cuboid(high: [f64; 3]) -> Shape {
-    Shape::Box {
+fn cuboid(high: [f64; 3]) -> BodyShape {
+    BodyShape::Given(Shape::Box {
         low: [0.0; 3],
         high,
         hole: None,
-    }
+    })
 }
 
 /// Returns the shape that the options give.
-fn shape_from_options(wanted: &Wanted) -> Shape {
+fn shape_from_options(wanted: &Wanted) -> BodyShape {
     let from = [0.0; 3];
     match wanted.cylinder {
-        Some([length, radius]) => Shape::Cylinder { from, length, radius },
+        Some([length, radius]) => BodyShape::Given(Shape::Cylinder { from, length, radius }),
         None => cuboid(wanted.cuboid.unwrap_or([1.0; 3])),
     }
 }
 
 /// Returns the table of a sample without a scene. Its shape only fills the field.
-fn table_from_options() -> ModelTable {
-    ModelTable {
+fn table_from_options() -> LoweredModel {
+    LoweredModel {
         scale: 1.0,
         volume: None,
         crack: Vec::new(),
@@ -309,11 +308,11 @@ fn table_from_options() -> ModelTable {
         spacing: None,
         divisions: None,
         // Not used: the beams have constants of their own, and statics needs no density.
-        material: Material {
+        material: Some(Material {
             young: 1.0,
             poisson: None,
             density: 1.0,
-        },
+        }),
         step: None,
         fem: Default::default(),
         cnem: Default::default(),
@@ -329,7 +328,7 @@ fn table_from_options() -> ModelTable {
 }
 
 /// Overrides the table by the options that are given.
-fn apply_options(wanted: &Wanted, table: &mut ModelTable) {
+fn apply_options(wanted: &Wanted, table: &mut LoweredModel) {
     // Number and diameter exclude each other: one that is given clears the other.
     if wanted.count.is_some() || wanted.spacing.is_some() {
         (table.dem.count, table.spacing) = (wanted.count, wanted.spacing);
@@ -349,8 +348,8 @@ fn apply_options(wanted: &Wanted, table: &mut ModelTable) {
 
 /// Returns the bar of a shape in the frame of its container, and its width \[m\]; `None` for shapes that are
 /// no bars along x.
-fn bar(shape: &Shape) -> Option<(Bar, f64)> {
-    match *shape {
+fn bar(shape: &BodyShape) -> Option<(Bar, f64)> {
+    match *shape.given()? {
         Shape::Cylinder { length, radius, .. } => {
             let bar = Bar {
                 start: 0.0,
@@ -368,14 +367,14 @@ fn bar(shape: &Shape) -> Option<(Bar, f64)> {
             };
             Some((bar, edges[1].max(edges[2])))
         }
-        Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) | Shape::Piece(_) | Shape::Linked => None,
+        Shape::Bar { .. } | Shape::Ball { .. } | Shape::File(_) => None,
     }
 }
 
 fn recipes(
     seeds: u64,
     model_key: &str,
-    table: &ModelTable,
+    table: &LoweredModel,
     folder: &Path,
     filling: &Filling,
 ) -> Result<Vec<(Option<u64>, Recipe)>> {
@@ -398,7 +397,7 @@ fn recipes(
     seeded.collect()
 }
 
-fn periodic(wanted: &Wanted, model_key: String, table: ModelTable, beam: BeamMaterial) -> Result<Sample> {
+fn periodic(wanted: &Wanted, model_key: String, table: LoweredModel, beam: BeamMaterial) -> Result<Sample> {
     if table.dem.file.is_some() {
         let rule = "spheres from a file are not periodic; remove --periodic";
         return Err(key(format!("{model_key}.dem.file"), rule));

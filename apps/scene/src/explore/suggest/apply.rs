@@ -5,7 +5,8 @@ use super::predict::Candidate;
 use super::scenario::{OverlapKind, Scenario};
 use crate::error::{Error, Result, key, value, write as write_error};
 use crate::scene::{Scene, Source};
-use crate::spec::{JunctionKind, OverlapShape, ProfileKind, RegionShape, SceneSpec, Shape};
+use crate::setup::{LoweredScene, OverlapSource};
+use crate::spec::{JunctionKind, OverlapShape, ProfileKind, RegionShape, Shape};
 use arlequin::core::advice;
 use std::f64::consts::SQRT_2;
 use std::path::Path;
@@ -79,13 +80,14 @@ fn tidy(x: f64) -> f64 {
 fn counts(lengths: &[f64], spacing: f64) -> String {
     let n: Vec<String> = lengths
         .iter()
+        // A quotient that is whole up to round-off needs no further element.
         .map(|l| (l / spacing - 1e-6).ceil().max(1.0).to_string())
         .collect();
     format!("[{}]", n.join(", "))
 }
 
 /// Returns the changes that turn the scene into the proposal.
-pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
+pub(super) fn changes(scene: &LoweredScene, s: &Scenario, p: &Prospect, fraction: f64) -> Vec<Change> {
     let c = &p.candidate;
     let table = &s.keys[1];
     let mut out = Vec::new();
@@ -102,7 +104,7 @@ pub(super) fn changes(scene: &SceneSpec, s: &Scenario, p: &Prospect, fraction: f
 }
 
 /// Returns the changes of spacings and overlap.
-fn overlap(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Vec<Change> {
+fn overlap(scene: &LoweredScene, s: &Scenario, c: &Candidate) -> Vec<Change> {
     let table = &s.keys[1];
     let joint = scene.interface.get(&s.names[0]);
     let mut out = vec![coarse(scene, s, c)];
@@ -133,7 +135,7 @@ fn overlap(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Vec<Change> {
 }
 
 /// Returns the change of the coarse elements.
-fn coarse(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Change {
+fn coarse(scene: &LoweredScene, s: &Scenario, c: &Candidate) -> Change {
     let path = &s.keys[0];
     let divided = s.coarse_table(scene).is_some_and(|m| m.divisions.is_some());
     match s.mesher.elements(c.spacing).filter(|_| divided) {
@@ -143,7 +145,7 @@ fn coarse(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Change {
 }
 
 /// Returns the change of the mediator, if it needs one.
-fn mediator(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Option<Change> {
+fn mediator(scene: &LoweredScene, s: &Scenario, c: &Candidate) -> Option<Change> {
     let table = &s.keys[1];
     if s.kind == OverlapKind::Zone {
         // The mediator consists of the body's elements: only a finer one needs a spacing, or a spacing that
@@ -168,7 +170,7 @@ fn mediator(scene: &SceneSpec, s: &Scenario, c: &Candidate) -> Option<Change> {
 
 /// Returns the changes that move the overlap's border to the coarse model and the end of the fine body, which
 /// lie at one place.
-fn move_slab(scene: &SceneSpec, s: &Scenario, overlap: f64) -> Vec<Change> {
+fn move_slab(scene: &LoweredScene, s: &Scenario, overlap: f64) -> Vec<Change> {
     let fine = &s.names[2];
     let place = tidy(s.border + s.inward * overlap);
     let point = |mut x: [f64; 3]| {
@@ -176,7 +178,8 @@ fn move_slab(scene: &SceneSpec, s: &Scenario, overlap: f64) -> Vec<Change> {
         format!("[{:e}, {:e}, {:e}]", x[0], x[1], x[2])
     };
     let mut out = Vec::new();
-    if let Some(OverlapShape::Slab { coarse, .. }) = scene.interface.get(&s.names[0]).map(|i| &i.overlap) {
+    let overlap = scene.interface.get(&s.names[0]).map(|i| &i.overlap);
+    if let Some(OverlapSource::Given(OverlapShape::Slab { coarse, .. })) = overlap {
         out.push(Change::new(
             format!("{}.overlap.slab.coarse", s.keys[1]),
             point(*coarse),
@@ -184,7 +187,7 @@ fn move_slab(scene: &SceneSpec, s: &Scenario, overlap: f64) -> Vec<Change> {
     }
     let shape = format!("model.{fine}.shape");
     let up = s.inward > 0.0;
-    match scene.model.get(fine).map(|m| &m.shape) {
+    match scene.model.get(fine).and_then(|m| m.shape.given()) {
         Some(Shape::Box { low, high, .. }) => {
             let (name, corner) = if up { ("high", high) } else { ("low", low) };
             out.push(Change::new(format!("{shape}.box.{name}"), point(*corner)));
@@ -211,25 +214,25 @@ fn move_slab(scene: &SceneSpec, s: &Scenario, overlap: f64) -> Vec<Change> {
 
 /// Returns the changes that move the outer border of a shell and the end of the fine body, which lie at one
 /// place.
-fn move_shell(scene: &SceneSpec, s: &Scenario, width: f64) -> Vec<Change> {
+fn move_shell(scene: &LoweredScene, s: &Scenario, width: f64) -> Vec<Change> {
     let (Some(joint), Some(fine)) = (scene.interface.get(&s.names[0]), scene.model.get(&s.names[2])) else {
         return Vec::new();
     };
-    let OverlapShape::Shell { core, domain } = &joint.overlap else {
+    let OverlapSource::Given(OverlapShape::Shell { core, domain }) = &joint.overlap else {
         return Vec::new();
     };
     let paths = [
         format!("{}.overlap.shell.domain", s.keys[1]),
         format!("model.{}.shape", s.names[2]),
     ];
-    match (core, domain, &fine.shape) {
+    match (core, domain, fine.shape.given()) {
         (RegionShape::Ball { radius, .. }, ..) => paths
             .map(|p| Change::new(format!("{p}.ball.radius"), digits(radius + width)))
             .to_vec(),
         (
             RegionShape::Box { low: a, high: b },
             RegionShape::Box { low: l, high: h },
-            Shape::Box { low, high, .. },
+            Some(Shape::Box { low, high, .. }),
         ) => {
             let point = |x: [f64; 3]| format!("[{:e}, {:e}, {:e}]", x[0], x[1], x[2]);
             // Faces at which the shell is open stay.

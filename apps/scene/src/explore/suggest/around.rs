@@ -6,8 +6,8 @@
 use super::mesher::{Frame, Mesher};
 use super::scenario::{OverlapKind, Scenario, length_ratio};
 use crate::error::{Result, core, key, value};
-use crate::setup::{self, Built};
-use crate::spec::{Interface, ModelTable, RegionShape, SceneSpec, Shape};
+use crate::setup::{self, Built, LoweredInterface, LoweredModel, LoweredScene};
+use crate::spec::{RegionShape, Shape};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Subdomain, Uniform};
 use rayon::prelude::*;
@@ -47,7 +47,7 @@ impl Around {
 }
 
 /// Completes the scenario of a zone, as far as the scene alone tells it.
-pub(super) fn zone(base: Scenario, scene: &SceneSpec, fine: &ModelTable) -> Result<Scenario> {
+pub(super) fn zone(base: Scenario, scene: &LoweredScene, fine: &LoweredModel) -> Result<Scenario> {
     let name = &base.names[0];
     let (Some(body), Some(zone)) = (&scene.body, scene.zone.get(name)) else {
         return Err(key(format!("zone.{name}"), "needs [body]"));
@@ -76,7 +76,7 @@ pub(super) fn zone(base: Scenario, scene: &SceneSpec, fine: &ModelTable) -> Resu
 /// it.
 pub(super) fn shell(
     base: Scenario,
-    (table, [coarse, fine]): (&Interface, [&ModelTable; 2]),
+    (table, [coarse, fine]): (&LoweredInterface, [&LoweredModel; 2]),
     [core, domain]: [&RegionShape; 2],
 ) -> Result<Scenario> {
     let path = format!("interface.{}", base.names[0]);
@@ -110,15 +110,15 @@ pub(super) fn shell(
 }
 
 /// Returns the mean length of the elements that a body's spacing `h` gives \[m\].
-fn made(mesher: &Mesher, model: &ModelTable, h: f64) -> f64 {
+fn made(mesher: &Mesher, model: &LoweredModel, h: f64) -> f64 {
     let elements = mesher.elements(h).filter(|_| model.divisions.is_none());
     elements.map_or(h, |e| e.h)
 }
 
 /// Returns the speed of shear waves \[m/s\]: they carry most of what spreads from a small region, and
 /// lattices disperse them more than axial waves.
-fn shear_speed(base: &Scenario, coarse: &ModelTable) -> f64 {
-    base.speed / (2.0 * (1.0 + coarse.material.poisson.unwrap_or(0.0))).sqrt()
+fn shear_speed(base: &Scenario, coarse: &LoweredModel) -> f64 {
+    base.speed / (2.0 * (1.0 + coarse.material.and_then(|m| m.poisson).unwrap_or(0.0))).sqrt()
 }
 
 /// Returns the positive distances between the faces of two regions of one form \[m\].
@@ -145,10 +145,10 @@ fn widths(core: &RegionShape, domain: &RegionShape) -> Vec<f64> {
 }
 
 /// Returns whether a fine body ends where a domain does, on all faces that part the domain from the core.
-fn fills(fine: &ModelTable, core: &RegionShape, domain: &RegionShape) -> bool {
-    match (&fine.shape, core, domain) {
+fn fills(fine: &LoweredModel, core: &RegionShape, domain: &RegionShape) -> bool {
+    match (fine.shape.given(), core, domain) {
         (
-            Shape::Box { low, high, .. },
+            Some(Shape::Box { low, high, .. }),
             RegionShape::Box { low: a, high: b },
             RegionShape::Box { low: l, high: h },
         ) => {
@@ -156,7 +156,7 @@ fn fills(fine: &ModelTable, core: &RegionShape, domain: &RegionShape) -> bool {
             (0..3).all(|c| (a[c] <= l[c] || equal(low[c], l[c])) && (h[c] <= b[c] || equal(high[c], h[c])))
         }
         (
-            Shape::Ball { radius, centre },
+            Some(Shape::Ball { radius, centre }),
             _,
             RegionShape::Ball {
                 radius: outer,
@@ -171,15 +171,15 @@ fn fills(fine: &ModelTable, core: &RegionShape, domain: &RegionShape) -> bool {
 }
 
 /// Returns the spacing of a coarse body and its smallest size \[m\].
-fn sizes_of(path: &str, model: &ModelTable) -> Result<(f64, f64)> {
-    let edges = match &model.shape {
-        Shape::Box { low, high, .. } => [0, 1, 2].map(|c| high[c] - low[c]),
-        Shape::Cylinder { length, radius, .. } => [*length, 2.0 * radius, 2.0 * radius],
-        Shape::Ball { radius, .. } => [2.0 * radius; 3],
-        other => {
+fn sizes_of(path: &str, model: &LoweredModel) -> Result<(f64, f64)> {
+    let edges = match model.shape.given() {
+        Some(Shape::Box { low, high, .. }) => [0, 1, 2].map(|c| high[c] - low[c]),
+        Some(Shape::Cylinder { length, radius, .. }) => [*length, 2.0 * radius, 2.0 * radius],
+        Some(Shape::Ball { radius, .. }) => [2.0 * radius; 3],
+        _ => {
             let rule = "suggest changes the spacing of the coarse body, which only a box, a cylinder and a ball leave free; \
                         take one of these, or compare several meshes by arlequin sweep";
-            return Err(value(format!("{path}.shape"), other.name(), rule));
+            return Err(value(format!("{path}.shape"), model.shape.name(), rule));
         }
     };
     let divided = model.divisions.as_ref().filter(|n| n.len() == 3);
@@ -196,7 +196,7 @@ fn nearest(x: &Point3<f64>, points: &[Point3<f64>]) -> f64 {
 }
 
 /// Adds the sizes that only built models tell.
-pub(super) fn with_models(mut s: Scenario, scene: &SceneSpec, built: &Built) -> Result<Scenario> {
+pub(super) fn with_models(mut s: Scenario, scene: &LoweredScene, built: &Built) -> Result<Scenario> {
     let models = built.run.subdomains();
     let index = |name: &String| models.iter().position(|d| d.model().name() == name);
     if let Some(c) = index(&s.names[1]) {

@@ -2,7 +2,8 @@
 //! between them.
 
 use super::scenario::Scenario;
-use crate::spec::{Interface, ModelTable, OverlapShape, RegionShape, Shape};
+use crate::setup::{BodyShape, LoweredInterface, LoweredModel, OverlapSource};
+use crate::spec::{OverlapShape, RegionShape, Shape};
 use std::f64::consts::PI;
 
 /// Distance of a hole from the faces between elements that the mesher accepts, in elements.
@@ -34,15 +35,15 @@ pub(super) struct Elements {
 
 impl Mesher {
     /// Reads a body; waves run along the edge `along`.
-    pub(super) fn of_shape(shape: &Shape, along: Option<usize>) -> Self {
-        let mut out = match shape {
-            Shape::Box { low, high, hole } => {
+    pub(super) fn of_shape(shape: &BodyShape, along: Option<usize>) -> Self {
+        let mut out = match shape.given() {
+            Some(Shape::Box { low, high, hole }) => {
                 Self::of_box([low, high], hole.as_ref().map(|h| [&h.low, &h.high]))
             }
             // As the generators of these shapes count: layers and core, core and rings.
-            Shape::Cylinder { length, radius, .. } => Self::of_edges(vec![*length, *radius, *radius]),
-            Shape::Ball { radius, .. } => Self::of_edges(vec![0.5 * PI * radius, 0.5 * radius]),
-            Shape::Bar { from, to, .. } => Self::of_edges(vec![to - from]),
+            Some(Shape::Cylinder { length, radius, .. }) => Self::of_edges(vec![*length, *radius, *radius]),
+            Some(Shape::Ball { radius, .. }) => Self::of_edges(vec![0.5 * PI * radius, 0.5 * radius]),
+            Some(Shape::Bar { from, to, .. }) => Self::of_edges(vec![to - from]),
             _ => Self::default(),
         };
         out.along = along.filter(|a| *a < out.edges.len());
@@ -95,6 +96,7 @@ impl Mesher {
         step: f64,
         digits: impl Fn(f64) -> f64,
     ) -> Vec<(f64, Elements)> {
+        // A spacing that divides the edge exactly must not need one more element by round-off.
         let most = most * (1.0 + 1e-9);
         let divided = |l: &f64| {
             let (l, first) = (*l, ((l / most).ceil() as usize).max(1));
@@ -149,8 +151,10 @@ pub(super) struct Frame {
 
 impl Frame {
     /// Reads the mediator of a shell; `None` if it is not derived from boxes.
-    pub(super) fn of_shell(table: &Interface, [coarse, fine]: [&ModelTable; 2]) -> Option<Self> {
-        let (None, OverlapShape::Shell { core, domain }) = (&table.mediator.shape, &table.overlap) else {
+    pub(super) fn of_shell(table: &LoweredInterface, [coarse, fine]: [&LoweredModel; 2]) -> Option<Self> {
+        let (None, OverlapSource::Given(OverlapShape::Shell { core, domain })) =
+            (&table.mediator.shape, &table.overlap)
+        else {
             return None;
         };
         let (RegionShape::Box { low: a, high: b }, RegionShape::Box { low: l, high: h }) = (core, domain)
@@ -164,7 +168,7 @@ impl Frame {
             Shape::Box {
                 low: f0, high: f1, ..
             },
-        ) = (&coarse.shape, &fine.shape)
+        ) = (coarse.shape.given()?, fine.shape.given()?)
         else {
             return None;
         };
@@ -205,7 +209,7 @@ mod tests {
 
     fn cuboid(high: [f64; 3], hole: Option<Hole>) -> Mesher {
         let low = [0.0; 3];
-        Mesher::of_shape(&Shape::Box { low, high, hole }, None)
+        Mesher::of_shape(&BodyShape::Given(Shape::Box { low, high, hole }), None)
     }
 
     /// A box of 20 by 20 by 10 mm has 14 elements of 1.4286 mm for a spacing of 1.388 mm.

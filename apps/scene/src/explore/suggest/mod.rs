@@ -16,7 +16,7 @@ mod settle;
 
 use crate::error::{Result, key};
 use crate::scene::Scene;
-use crate::spec::SceneSpec;
+use crate::setup::LoweredScene;
 use apply::Change;
 pub use choose::Goal;
 use choose::{CostModel, Prospect, Search};
@@ -86,7 +86,7 @@ pub struct Prediction {
 }
 
 /// Reads a scene, and refuses one for which nothing can be predicted.
-pub fn readable(scene: &SceneSpec) -> Result<Scenario> {
+pub fn readable(scene: &LoweredScene) -> Result<Scenario> {
     scene.refuse_wake("suggest")?;
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {

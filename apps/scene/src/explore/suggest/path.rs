@@ -2,7 +2,8 @@
 //! through the overlap.
 
 use super::scenario::Scenario;
-use crate::spec::{Quantity, SceneSpec, Selection};
+use crate::setup::LoweredScene;
+use crate::spec::{Quantity, Selection};
 
 /// Largest number of arrivals that are followed. A run with more is judged as if its probes were everywhere.
 const MOST: usize = 64;
@@ -108,7 +109,7 @@ pub(super) fn arrivals(s: &Scenario, origin: &Origin, overlap: f64, way: f64) ->
 
 /// Returns the probes of motion along the axis: kind (0 displacement, 1 velocity) and distance from the fine
 /// border \[m\].
-pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
+pub(super) fn probes(scene: &LoweredScene, axis: usize, border: f64, inward: f64) -> Vec<(usize, f64)> {
     let place = |p: &crate::spec::Probe| match (&p.at, &p.over) {
         (Some(x), _) => Some(x[axis]),
         // The middle stands in for the mean over a box.
@@ -134,7 +135,7 @@ pub(super) fn probes(scene: &SceneSpec, axis: usize, border: f64, inward: f64) -
 
 /// Returns the coordinate of a load's selection on the axis \[m\]; `None` for a group that is not an end
 /// face.
-pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis: usize) -> Option<f64> {
+pub(super) fn place(scene: &LoweredScene, model: &str, selection: &Selection, axis: usize) -> Option<f64> {
     match selection {
         Selection::Group(name) => end_coordinate(scene, model, name, axis),
         Selection::Box(low, high) => {
@@ -146,7 +147,7 @@ pub(super) fn place(scene: &SceneSpec, model: &str, selection: &Selection, axis:
 }
 
 /// Returns the coordinate of the end face of a model that a group names.
-fn end_coordinate(scene: &SceneSpec, model: &str, group: &str, axis: usize) -> Option<f64> {
+fn end_coordinate(scene: &LoweredScene, model: &str, group: &str, axis: usize) -> Option<f64> {
     let [a, b] = super::scenario::extent(model, scene.model.get(model)?, axis).ok()?;
     let name = ["x", "y", "z"][axis];
     match group.split_once('-') {

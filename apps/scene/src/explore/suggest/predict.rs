@@ -321,7 +321,7 @@ fn everywhere(c: &Candidate, fates: &[Fate], s: &Scenario, spectrum: &Spectrum, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::SceneSpec;
+    use crate::scene::Scene;
 
     #[test]
     fn lattices_lag_as_their_strains_are_taken() {
@@ -401,14 +401,15 @@ steps = 1
                  [probe.p]\nmodel = \"bar\"\nat = [{x}, 0, 0]\nquantity = \"velocity\"\ncomponent = \"x\"\n"
             )
         });
-        let scene: SceneSpec = toml::from_str(&(ALIKE.to_owned() + &more)).expect("a scene");
-        let mut s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let scene = Scene::from_text(ALIKE.to_owned() + &more).expect("a scene");
+        let scene = scene.spec();
+        let mut s = super::super::scenario::scenario(scene).expect("a scenario");
         let (h, dt, frequency) = match probe {
             None => (1.0, 0.5, Some(0.01)),
             Some(_) => (1e-3, 5e-4, None),
         };
         s.spacings = [h; 3];
-        let spectrum = super::super::scenario::spectrum(&scene, &s, end, frequency).expect("a spectrum");
+        let spectrum = super::super::scenario::spectrum(scene, &s, end, frequency).expect("a spectrum");
         let table = Table {
             frequencies: vec![0.0, 1.0],
             losses: vec![loss; 2],

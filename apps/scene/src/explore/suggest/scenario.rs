@@ -4,11 +4,8 @@ use super::around::{self, Around};
 use super::mesher::{Frame, Mesher};
 use super::path::{self, Origin};
 use crate::error::{Result, key};
-use crate::setup;
-use crate::spec::{
-    Interface, JunctionKind, Load, ModelTable, OverlapShape, ProfileKind, SceneSpec, Shape, StepChoice,
-    TimeShape, Wave,
-};
+use crate::setup::{self, BodyShape, LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
+use crate::spec::{JunctionKind, Load, OverlapShape, ProfileKind, Shape, StepChoice, TimeShape, Wave};
 use arlequin::dem_beam::packing::size::mean_diameter;
 use std::f64::consts::PI;
 
@@ -101,7 +98,7 @@ impl Scenario {
     }
 
     /// Returns the table of the coarse model in the file.
-    pub(super) fn coarse_table<'a>(&self, scene: &'a SceneSpec) -> Option<&'a ModelTable> {
+    pub(super) fn coarse_table<'a>(&self, scene: &'a LoweredScene) -> Option<&'a LoweredModel> {
         match self.kind {
             OverlapKind::Zone => scene.body.as_ref(),
             _ => scene.model.get(&self.names[1]),
@@ -110,7 +107,7 @@ impl Scenario {
 }
 
 /// Reduces a scene to lengths along the normal of its overlap.
-pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
+pub(super) fn scenario(scene: &LoweredScene) -> Result<Scenario> {
     let mut interfaces = scene.interface.iter();
     let (Some((name, table)), None) = (interfaces.next(), interfaces.next()) else {
         let place = if scene.zone.is_empty() {
@@ -131,18 +128,24 @@ pub(super) fn scenario(scene: &SceneSpec) -> Result<Scenario> {
     };
     let sides = [model("coarse", &table.coarse)?, model("fine", &table.fine)?];
     match &table.overlap {
-        OverlapShape::Slab { fine, coarse } => slab(scene, (name, table), sides, [fine, coarse]),
-        OverlapShape::Shell { core, domain } => around::shell(
+        OverlapSource::Given(OverlapShape::Slab { fine, coarse }) => {
+            slab(scene, (name, table), sides, [fine, coarse])
+        }
+        OverlapSource::Given(OverlapShape::Shell { core, domain }) => around::shell(
             scenario_of(scene, (name, table), sides),
             (table, sides),
             [core, domain],
         ),
-        OverlapShape::Zone(_) => around::zone(scenario_of(scene, (name, table), sides), scene, sides[1]),
+        OverlapSource::Zone(_) => around::zone(scenario_of(scene, (name, table), sides), scene, sides[1]),
     }
 }
 
 /// Returns what does not depend on the form of the overlap; the rest is empty.
-fn scenario_of(scene: &SceneSpec, (name, table): (&str, &Interface), [c, f]: [&ModelTable; 2]) -> Scenario {
+fn scenario_of(
+    scene: &LoweredScene,
+    (name, table): (&str, &LoweredInterface),
+    [c, f]: [&LoweredModel; 2],
+) -> Scenario {
     Scenario {
         names: [name.to_owned(), table.coarse.clone(), table.fine.clone()],
         keys: [format!("model.{}", table.coarse), format!("interface.{name}")],
@@ -168,7 +171,8 @@ fn scenario_of(scene: &SceneSpec, (name, table): (&str, &Interface), [c, f]: [&M
         probes: Vec::new(),
         elementwise: [c, f].map(|m| setup::kind(m.kind).element_share(m)),
         particles: setup::kind(f.kind).has_spheres(),
-        speed: (c.material.young / c.material.density).sqrt(),
+        // A link does not say its material, and its coarse shape is refused below.
+        speed: c.material.map_or(0.0, |m| (m.young / m.density).sqrt()),
         end: scene.time.end,
         fraction: match scene.time.step {
             StepChoice::Fraction(x) => Some(x),
@@ -183,9 +187,9 @@ fn scenario_of(scene: &SceneSpec, (name, table): (&str, &Interface), [c, f]: [&M
 
 /// Reads a slab between two planes through the points `fine` and `coarse`.
 fn slab(
-    scene: &SceneSpec,
-    (name, table): (&str, &Interface),
-    [c, f]: [&ModelTable; 2],
+    scene: &LoweredScene,
+    (name, table): (&str, &LoweredInterface),
+    [c, f]: [&LoweredModel; 2],
     [fine, coarse]: [&[f64; 3]; 2],
 ) -> Result<Scenario> {
     let apart: Vec<usize> = (0..3).filter(|&c| (fine[c] - coarse[c]).abs() > 0.0).collect();
@@ -230,29 +234,29 @@ fn slab(
 }
 
 /// Returns the length of a junction over the spacing of the mediator \[m\].
-pub(super) fn length_ratio(table: &Interface, mediator: f64) -> f64 {
+pub(super) fn length_ratio(table: &LoweredInterface, mediator: f64) -> f64 {
     // A quarter of the mediator's spacing is the default of scenes.
     table.junction.length.map_or(0.25, |l| l / mediator)
 }
 
 /// Returns the first and last coordinate of a body on an axis \[m\].
-pub(super) fn extent(name: &str, model: &ModelTable, axis: usize) -> Result<[f64; 2]> {
-    match &model.shape {
-        Shape::Box { low, high, .. } => Ok([low[axis], high[axis]]),
-        Shape::Cylinder { from, length, .. } if axis == 0 => Ok([from[0], from[0] + length]),
-        Shape::Bar { from, to, .. } if axis == 0 => Ok([*from, *to]),
-        other => Err(key(
+pub(super) fn extent(name: &str, model: &LoweredModel, axis: usize) -> Result<[f64; 2]> {
+    match model.shape.given() {
+        Some(Shape::Box { low, high, .. }) => Ok([low[axis], high[axis]]),
+        Some(Shape::Cylinder { from, length, .. }) if axis == 0 => Ok([from[0], from[0] + length]),
+        Some(Shape::Bar { from, to, .. }) if axis == 0 => Ok([*from, *to]),
+        _ => Err(key(
             format!("model.{name}.shape"),
             format!(
                 "suggest cannot read lengths from the shape {}; use box, cylinder or bar",
-                other.name()
+                model.shape.name()
             ),
         )),
     }
 }
 
-fn across(shape: &Shape, axis: usize) -> Option<f64> {
-    match shape {
+fn across(shape: &BodyShape, axis: usize) -> Option<f64> {
+    match shape.given()? {
         Shape::Box { low, high, .. } => (0..3)
             .filter(|c| *c != axis)
             .map(|c| high[c] - low[c])
@@ -264,14 +268,14 @@ fn across(shape: &Shape, axis: usize) -> Option<f64> {
 
 /// Returns the spacings of coarse model, fine model and mediator in the scene \[m\].
 fn spacings(
-    table: &Interface,
-    c: &ModelTable,
-    f: &ModelTable,
+    table: &LoweredInterface,
+    c: &LoweredModel,
+    f: &LoweredModel,
     extents: [[f64; 2]; 2],
     overlap: f64,
     axis: usize,
 ) -> Result<[f64; 3]> {
-    let spacing_of = |name: &str, m: &ModelTable, e: [f64; 2]| {
+    let spacing_of = |name: &str, m: &LoweredModel, e: [f64; 2]| {
         let divided = m
             .divisions
             .as_ref()
@@ -279,7 +283,7 @@ fn spacings(
             .map(|n| (e[1] - e[0]) / *n as f64);
         // Mean diameter of so many spheres that fill the body at the density of a jammed packing.
         let counted = m.dem.count.and_then(|n| {
-            let volume = match &m.shape {
+            let volume = match m.shape.given()? {
                 Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
                 Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
                 _ => return None,
@@ -312,8 +316,7 @@ pub(super) struct Spectrum {
     pub origin: Option<Origin>,
     /// Duration of the signal \[s\].
     duration: f64,
-    /// Integrals of the squares of displacement and velocity, from the signal's start to equidistant times
-    /// within it.
+    /// `∫u² dt` and `∫v² dt` from the start of the signal up to each of a number of equidistant times.
     energies: Vec<[f64; 2]>,
     /// Square of the displacement that remains after the signal.
     left: f64,
@@ -340,7 +343,7 @@ pub(super) struct Source {
 
 /// Returns the spectrum of the signal in a run until `end` \[s\].
 pub(super) fn spectrum(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     s: &Scenario,
     end: f64,
     frequency: Option<f64>,
@@ -353,7 +356,7 @@ pub(super) fn spectrum(
 
 /// Returns the signal: a pulse of length 2/`frequency` if a frequency \[Hz\] is given, else the shortest
 /// pulse, ramp or wave of the scene.
-pub(super) fn signal(scene: &SceneSpec, s: &Scenario, frequency: Option<f64>) -> Result<Source> {
+pub(super) fn signal(scene: &LoweredScene, s: &Scenario, frequency: Option<f64>) -> Result<Source> {
     let pulse = |t: f64| (PI * t).sin().powi(2);
     let mut shortest: Option<Source> = None;
     let mut offer = |duration: f64, text: String, signal: Signal, origin: Option<Origin>| {
@@ -420,7 +423,7 @@ pub(super) fn signal(scene: &SceneSpec, s: &Scenario, frequency: Option<f64>) ->
 }
 
 /// Returns the place of a load, from which waves run both ways.
-fn load_origin(scene: &SceneSpec, s: &Scenario, l: &Load) -> Option<Origin> {
+fn load_origin(scene: &LoweredScene, s: &Scenario, l: &Load) -> Option<Origin> {
     if s.kind != OverlapKind::Slab {
         return None;
     }

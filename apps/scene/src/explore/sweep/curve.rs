@@ -201,6 +201,7 @@ impl Series {
             (y[b] - y[a]) / (x[b] - x[a])
         };
         let s = ((t - x[k]) / h).clamp(0.0, 1.0);
+        // Cubic Hermite: values and slopes of both ends are met.
         let (p, q) = (s * s * (3.0 - 2.0 * s), s * (1.0 - s));
         y[k] + p * (y[k + 1] - y[k]) + h * q * ((1.0 - s) * slope(k) - s * slope(k + 1))
     }

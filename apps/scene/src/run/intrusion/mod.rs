@@ -12,8 +12,8 @@ mod surface;
 
 use crate::error::{Result, core};
 use crate::ranks::Ranks;
-use crate::setup::{self, Grid, ModelInfo};
-use crate::spec::{Effect, EffectKind, SceneSpec};
+use crate::setup::{self, Grid, LoweredScene, ModelInfo};
+use crate::spec::{Effect, EffectKind};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Coupled, Subdomain};
 use arlequin::dem_beam::RigidShape;
@@ -23,7 +23,7 @@ use surface::{Depth, Shell};
 
 /// Depth over the spacing of nodes or particles above which one body is inside the other.
 const TOLERANCE: f64 = 0.05;
-/// Distance that may be covered between two looks, over the smaller spacing or radius of a pair.
+/// Longest way of one body towards another between two looks, over the smaller of their spacings or radii.
 const STRIDE: f64 = 0.25;
 /// Largest number of steps between two looks.
 const LONGEST: f64 = 32.0;
@@ -86,7 +86,7 @@ pub(crate) struct Watch {
 impl Watch {
     /// Collects the pairs of models and obstacles of a scene between which no effect acts.
     pub(crate) fn new(
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         models: &[ModelInfo],
         run: &Coupled<f64>,
         ranks: &Ranks,
@@ -428,7 +428,7 @@ impl Member {
 }
 
 /// Returns the enabled obstacles of a scene.
-fn obstacles(scene: &SceneSpec) -> Result<Vec<Rigid>> {
+fn obstacles(scene: &LoweredScene) -> Result<Vec<Rigid>> {
     let mut out = Vec::new();
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         let EffectKind::Obstacle(o) = &e.kind else {
@@ -457,7 +457,7 @@ fn bodies(run: &Coupled<f64>) -> Vec<usize> {
 }
 
 /// Returns the names of models with contact between them, in both orders.
-fn contact_pairs(scene: &SceneSpec) -> BTreeSet<[String; 2]> {
+fn contact_pairs(scene: &LoweredScene) -> BTreeSet<[String; 2]> {
     let between = |e: &Effect| {
         let names = e.between.as_deref().filter(|_| e.enabled)?;
         <[String; 2]>::try_from(names.to_vec()).ok()

@@ -180,6 +180,7 @@ impl HandOver {
         let Some(node) = nearest.copied() else {
             return Err(self.outside_error(t, x, f64::INFINITY));
         };
+        // Shares of the way from the point to the nearest node, which lies in the field.
         let (mut out, mut good) = (0.0, 1.0);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (out + good);
@@ -259,6 +260,7 @@ fn value_and_turn(placed: &Placed, values: &[f64], d: usize) -> [Vector3<f64>; 2
         u.as_mut_slice()[..d].copy_from_slice(&values[node * d..(node + 1) * d]);
         value += u * placed.row.values[k];
         if let Some(g) = placed.row.gradients.get(k) {
+            // The point lies outside by `way`: the field goes on linearly.
             value += u * g.dot(&placed.way);
             turn += g.cross(&u) * 0.5;
         }

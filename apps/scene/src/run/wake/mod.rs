@@ -14,8 +14,8 @@ use crate::output::mark;
 use crate::output::summary::{Momentum, WakeReport};
 use crate::ranks::Ranks;
 use crate::scene::Scene;
-use crate::setup::{self, Built, Start, model_index};
-use crate::spec::{SceneSpec, Wake};
+use crate::setup::{self, Built, LoweredScene, Start, model_index};
+use crate::spec::Wake;
 use arlequin::core::Coupled;
 use hand_over::HandOver;
 use std::time::Instant;
@@ -73,7 +73,7 @@ impl Asleep {
     }
 }
 
-impl SceneSpec {
+impl LoweredScene {
     /// Refuses a scene with `[wake]`, for commands that do not support it.
     ///
     /// # Errors

@@ -2,8 +2,8 @@
 
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
-use crate::setup::{acts, effect_models};
-use crate::spec::{Bearer, Effect, EffectKind, ModelTable, Near, SceneSpec, Scheme, StepChoice, Wake};
+use crate::setup::{LoweredModel, LoweredScene, acts, effect_models};
+use crate::spec::{Bearer, Effect, EffectKind, Near, Scheme, StepChoice, Wake};
 
 /// Applies the assignments of `[wake]`, and removes the sleeping model with its interfaces, probes and
 /// effects.
@@ -54,8 +54,8 @@ pub(super) fn scene(awake: &Scene, wake: &Wake) -> Result<Scene> {
 
 /// Refuses a step given as a fraction if the sleeping scene has only implicit models, which have no critical
 /// step.
-fn check_step(asleep: &SceneSpec, wake: &Wake) -> Result<()> {
-    let implicit = |m: &ModelTable| m.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit));
+fn check_step(asleep: &LoweredScene, wake: &Wake) -> Result<()> {
+    let implicit = |m: &LoweredModel| m.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit));
     if !matches!(asleep.time.step, StepChoice::Fraction(_)) || !asleep.model.values().all(implicit) {
         return Ok(());
     }
@@ -67,7 +67,7 @@ fn check_step(asleep: &SceneSpec, wake: &Wake) -> Result<()> {
     Err(value(format!("model.{}.step.scheme", wake.by), "implicit", &rule))
 }
 
-fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {
+fn check(scene: &LoweredScene, wake: &Wake) -> Result<()> {
     for (what, name) in [("model", &wake.model), ("by", &wake.by)] {
         if !scene.model.contains_key(name) {
             return Err(unknown(format!("wake.{what}"), name, "model", scene.model.keys()));
@@ -110,7 +110,7 @@ fn check(scene: &SceneSpec, wake: &Wake) -> Result<()> {
 }
 
 /// Refuses loads, supports, initial states and body forces of the sleeping model, which would be lost.
-fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
+fn check_acting(scene: &LoweredScene, wake: &Wake) -> Result<()> {
     let (sleeper, by) = (&wake.model, &wake.by);
     let lost = |list: &str, k: usize, change: String| {
         let rule = format!(
@@ -142,7 +142,7 @@ fn check_acting(scene: &SceneSpec, wake: &Wake) -> Result<()> {
 }
 
 /// Returns effect `k` of the sleeping scene; `None` if it acts on no other model.
-fn effect(k: usize, e: &Effect, scene: &SceneSpec, wake: &Wake) -> Result<Option<Effect>> {
+fn effect(k: usize, e: &Effect, scene: &LoweredScene, wake: &Wake) -> Result<Option<Effect>> {
     let (path, sleeper) = (format!("effect[{k}]"), &wake.model);
     if e.enabled && matches!(e.kind, EffectKind::Prestress(_)) {
         let rule = "holds the shape at the start, which is another one after [wake]; remove one of the two";

@@ -3,10 +3,11 @@
 use crate::error::{Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
-use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::kind::{Feature, Kind, Order, WHOLE};
 use crate::setup::materials::elastic;
 use crate::setup::mesh::{self, Grid};
-use crate::spec::{Load, ModelTable, RoleKind, Shape};
+use crate::setup::{BodyShape, LoweredModel};
+use crate::spec::{Load, RoleKind, Shape};
 use arlequin::core::{FineModel, Model};
 use spring_chain::Chain as SpringChain;
 use std::collections::BTreeMap;
@@ -33,9 +34,7 @@ impl Kind for Chain {
             Feature::Crack => Some("a chain that is cut is two chains; write two models"),
             Feature::CoarseSide => Some("is discrete and can only be fine; put a fem model between"),
             Feature::Zone => Some("a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\""),
-            Feature::Partition => {
-                Some("only bodies of particles, of finite and of natural elements go in parts")
-            }
+            Feature::Partition => Some(WHOLE),
             Feature::Volumes => None,
         }
     }
@@ -52,9 +51,10 @@ impl Kind for Chain {
         let Order { name, key, table, .. } = *order;
         let (from, to, section, bonds) = line(key, table)?;
         let spacing = (to - from) / bonds as f64;
-        let mass = table.material.density * section * spacing;
-        let stiffness = table.material.young * section / spacing;
-        let material = elastic(key, &table.material)?;
+        let given = table.known_material(key)?;
+        let mass = given.density * section * spacing;
+        let stiffness = given.young * section / spacing;
+        let material = elastic(key, given)?;
         let model = SpringChain::new(name, from, spacing, bonds, mass, stiffness);
         let model = model.and_then(|c| c.with_section(section)).map_err(core(key))?;
         let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];
@@ -77,8 +77,8 @@ impl Kind for Chain {
 }
 
 /// Ends \[m\], section \[m²\] and number of bonds of a chain.
-fn line(key: &str, table: &ModelTable) -> Result<(f64, f64, f64, usize)> {
-    let Shape::Bar { from, to, section } = table.shape else {
+fn line(key: &str, table: &LoweredModel) -> Result<(f64, f64, f64, usize)> {
+    let BodyShape::Given(Shape::Bar { from, to, section }) = table.shape else {
         return Err(value(
             format!("{key}.shape"),
             table.shape.name(),

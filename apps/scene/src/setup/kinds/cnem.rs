@@ -5,8 +5,8 @@ use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{Elements, Grid, Request};
-use crate::setup::{materials, slit};
-use crate::spec::{CnemTable, Functions, Masses, ModelTable, Shape};
+use crate::setup::{LoweredModel, materials, slit};
+use crate::spec::{CnemTable, Functions, Masses};
 use arlequin::cnem::constraint::Surface;
 use arlequin::cnem::domain::Domain;
 use arlequin::cnem::natural::Interpolant;
@@ -45,7 +45,7 @@ impl Kind for Cnem {
 
     /// Natural elements smooth their strains over cells, which reach over two spacings; their stabilisation
     /// adds element-wise strains.
-    fn element_share(&self, table: &ModelTable) -> f64 {
+    fn element_share(&self, table: &LoweredModel) -> f64 {
         match (table.cnem.stabilisation, Stabilisation::default()) {
             (Some(share), _) | (None, Stabilisation::SubCells(share)) => share,
             (None, Stabilisation::None) => 0.0,
@@ -61,7 +61,7 @@ impl Kind for Cnem {
         let Order { name, key, table, .. } = *order;
         let mesh = request(order)?.mesh()?.into_tetrahedra().map_err(fem(key))?;
         let mesh = slit::cut(key, table, mesh)?;
-        let material = materials::elastic(key, &table.material)?;
+        let material = materials::elastic(key, table.known_material(key)?)?;
         clock.begin(format!("tetrahedra of '{name}'"));
         let joined = Joined::from_mesh(&mesh).map_err(fem(key))?;
         let domain = Domain::new(&joined.nodes, &joined.surface()).map_err(natural(key))?;
@@ -101,7 +101,7 @@ impl Kind for Cnem {
 /// Request for the mesh whose nodes the model uses.
 fn request<'a>(order: &Order<'a>) -> Result<Request<'a>> {
     let Order { key, table, .. } = *order;
-    if let Shape::Bar { .. } = table.shape {
+    if table.shape.is_line() {
         let rule =
             "natural elements fill solids; use a box, a cylinder or a file, or kind = \"fem\" for a bar";
         return Err(value(format!("{key}.shape"), table.shape.name(), rule));

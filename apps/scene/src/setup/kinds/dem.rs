@@ -7,17 +7,17 @@ use crate::setup::files::is;
 use crate::setup::filling::{Filling, Recipe, beam, beyond_the_table, unlike_its_material, unlike_the_body};
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{self, Grid};
-use crate::setup::packing::PackingLine;
+use crate::setup::packing::{Likeness, PackingLine};
 use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
-use crate::setup::{grains, materials, notch};
-use crate::spec::{ModelTable, ParticleFieldKind, SceneSpec, Shape};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene, grains, materials, notch};
+use crate::spec::{ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
 use arlequin::core::geometry::Sample;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Error as Core, Interpolation, Model, ParticleField, ShapeRow};
-use arlequin::dem_beam::{DemModel, Error as DemError, Packing};
+use arlequin::dem_beam::{BeamMaterial, DemModel, Error as DemError, Packing};
 use arlequin::fem_ref::FemField;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -71,8 +71,8 @@ impl Interpolation<f64> for ParticlePoints {
 }
 
 /// Refuses keys that a packing does not use.
-fn unread(key: &str, table: &ModelTable) -> Result<()> {
-    let filed = matches!(table.shape, Shape::File(_));
+fn unread(key: &str, table: &LoweredModel) -> Result<()> {
+    let filed = table.shape.is_file();
     let of_vtu = table.dem.file.as_ref();
     let of_vtu = of_vtu.is_some_and(|f| is(f, "vtu") || is(f, "pvtu"));
     let keys = [
@@ -104,7 +104,7 @@ fn unread(key: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Places an error about spheres too large for their body at the key that determines their size.
-fn too_large(key: &str, table: &ModelTable, e: Error) -> Error {
+fn too_large(key: &str, table: &LoweredModel, e: Error) -> Error {
     match &e {
         Error::Dem {
             source: DemError::ContainerTooSmall { .. } | DemError::TooFewAcross { .. },
@@ -141,10 +141,10 @@ impl Kind for Dem {
     }
 
     /// Spheres have groups at the plane faces of a shape only.
-    fn groups(&self, shape: &Shape) -> Option<&'static [&'static str]> {
+    fn groups(&self, shape: &BodyShape) -> Option<&'static [&'static str]> {
         match shape {
-            Shape::Ball { .. } => Some(&[]),
-            Shape::Cylinder { .. } => Some(&["x-min", "x-max"]),
+            BodyShape::Given(Shape::Ball { .. }) => Some(&[]),
+            BodyShape::Given(Shape::Cylinder { .. }) => Some(&["x-min", "x-max"]),
             shape => mesh::groups(shape),
         }
     }
@@ -160,7 +160,7 @@ impl Kind for Dem {
         beam(key, table).map(|_| ())
     }
 
-    fn check_in(&self, _: &SceneSpec, order: &Order<'_>) -> Result<()> {
+    fn check_in(&self, _: &LoweredScene, order: &Order<'_>) -> Result<()> {
         grains::check_loose(order.key, order.table, order.effects)?;
         grains::check_single(order.name, order.effects)
     }
@@ -172,10 +172,11 @@ impl Kind for Dem {
             table,
             folder,
             effects,
-            supports,
+            ..
         } = *order;
         clock.begin(format!("packing of '{name}'"));
         grains::check_loose(key, table, effects)?;
+        let given = table.known_material(key)?;
         let filling = Filling::from_table(key, table, folder)?;
         let recipe = Recipe::from_table(key, table, folder, &filling)?;
         let built = recipe.packing(key, &mut |share| clock.progress(share));
@@ -183,27 +184,14 @@ impl Kind for Dem {
         clock.begin(format!("model of '{name}'"));
         packing.positions.iter_mut().for_each(|x| *x += filling.shift);
         let make = |packing: &Packing, beam| {
-            let model = DemModel::new(name, packing, beam, table.material.density).map_err(dem(key))?;
+            let model = DemModel::new(name, packing, beam, given.density).map_err(dem(key))?;
             graded(key, table, &filling, model)
         };
-        let mut beam = beam(key, table)?;
-        let mut likeness = None;
-        if let (Shape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh)
-            && let Some(twin) = Twin::new(key, table, mesh, (piece, supports, folder))?
-        {
-            // Beams that the scene gives are measured but not changed.
-            let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
-            let group = |model: &DemModel, name: &str| {
-                let mut named = groups(model, &table.shape, &filling);
-                named.remove(name)
-            };
-            likeness = twin.likeness(make(&packing, beam)?, chosen, &group)?;
-            beam.young *= likeness.map_or(1.0, |l| l.beams);
-        }
+        let (beam, likeness) = fitted(order, &filling, &|beam| make(&packing, beam))?;
         // The body's elements have no notch, so the packing is measured before it gets one.
         let knives = notch::knives(key, &table.dem.notch, folder)?;
         notch::cut(&knives, &Vector3::zeros(), &mut packing)?;
-        let line = PackingLine::from_packing(&packing, table.material.density, likeness);
+        let line = PackingLine::from_packing(&packing, given.density, likeness);
         let mut warnings = line.warnings();
         warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
         warnings.extend(unlike_its_material(table, &beam));
@@ -233,17 +221,10 @@ impl Kind for Dem {
                 particles: model.particle_field(),
             }),
         };
-        let bonds = model.body().pairs();
-        let grid = Grid {
-            points: model.nodes().to_vec(),
-            connectivity: bonds.iter().flatten().copied().collect(),
-            corners: 2,
-            cell_type: 3,
-            radii: model.body().radii().to_vec(),
-        };
+        let grid = Grid::of_spheres(&model);
         let radii = model.body().radii();
         let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
-        let material = materials::elastic(key, &table.material)?;
+        let material = materials::elastic(key, given)?;
         Ok(Body {
             groups: groups(&model, &table.shape, &filling),
             field,
@@ -262,14 +243,36 @@ impl Kind for Dem {
     }
 }
 
+/// Beams of a packing, in a zone fitted to the body's elements there, and what was measured of them.
+fn fitted(
+    order: &Order<'_>,
+    filling: &Filling,
+    make: &dyn Fn(BeamMaterial) -> Result<DemModel>,
+) -> Result<(BeamMaterial, Option<Likeness>)> {
+    let Order { key, table, .. } = *order;
+    let mut beam = beam(key, table)?;
+    let (BodyShape::Piece(piece), Some(mesh)) = (&table.shape, &filling.mesh) else {
+        return Ok((beam, None));
+    };
+    let Some(twin) = Twin::new(key, table, mesh, (piece, order.supports, order.folder))? else {
+        return Ok((beam, None));
+    };
+    // Beams that the scene gives are measured but not changed.
+    let chosen = table.dem.young.is_none() && table.dem.poisson.is_none();
+    let group = |model: &DemModel, name: &str| groups(model, &table.shape, filling).remove(name);
+    let likeness = twin.likeness(make(beam)?, chosen, &group)?;
+    beam.young *= likeness.map_or(1.0, |l| l.beams);
+    Ok((beam, likeness))
+}
+
 /// Gives each particle the material of the volume it lies in, if the table has materials for volumes.
-fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> Result<DemModel> {
+fn graded(key: &str, table: &LoweredModel, filling: &Filling, model: DemModel) -> Result<DemModel> {
     let Some(mesh) = filling.mesh.as_ref().filter(|_| !table.materials.is_empty()) else {
         return Ok(model);
     };
     let materials = materials::element_materials(key, table, mesh)?;
     let field = FemField::new(mesh.clone());
-    let main = table.material;
+    let main = table.known_material(key)?;
     let grades = |x: &Point3<f64>| match field.element_at(x).map(|e| materials.at(e)) {
         // The centre lies outside the mesh: packing has pushed it through a facet.
         None => [1.0; 2],
@@ -280,25 +283,25 @@ fn graded(key: &str, table: &ModelTable, filling: &Filling, model: DemModel) -> 
 
 /// Named groups: layers of particles that touch the plane faces of a shape, or the named faces of a mesh
 /// file.
-fn groups(model: &DemModel, shape: &Shape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
+fn groups(model: &DemModel, shape: &BodyShape, filling: &Filling) -> BTreeMap<String, Vec<usize>> {
     let mut out = BTreeMap::new();
     let mut layer = |name: &str, point: Point3<f64>, normal: Vector3<f64>| {
         out.insert(name.to_owned(), model.clamp_layer(&point, &normal));
     };
     match *shape {
-        Shape::Box { low, high, .. } => {
+        BodyShape::Given(Shape::Box { low, high, .. }) => {
             let axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())];
             for (name, axis) in axes {
                 layer(&format!("{name}-min"), Point3::from(low), -axis);
                 layer(&format!("{name}-max"), Point3::from(high), axis);
             }
         }
-        Shape::Cylinder { from, length, .. } => {
+        BodyShape::Given(Shape::Cylinder { from, length, .. }) => {
             layer("x-min", Point3::from(from), -Vector3::x());
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
-        Shape::Bar { .. } | Shape::Ball { .. } | Shape::Linked => {}
-        Shape::File(_) | Shape::Piece(_) => {
+        BodyShape::Given(Shape::Bar { .. } | Shape::Ball { .. }) | BodyShape::Remote => {}
+        BodyShape::Given(Shape::File(_)) | BodyShape::Piece(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));
         }

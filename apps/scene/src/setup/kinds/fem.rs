@@ -36,7 +36,7 @@ impl Kind for Fem {
         let Order { name, key, table, .. } = *order;
         let request = Request::of_model(key, table, Elements::Any, order.folder)?;
         let mesh = slit::cut(key, table, request.mesh()?)?;
-        let material = elastic(key, &table.material)?;
+        let material = elastic(key, table.known_material(key)?)?;
         let mut groups = BTreeMap::new();
         let mut surfaces = BTreeMap::new();
         for (n, g) in mesh.groups() {

@@ -3,9 +3,10 @@
 use crate::error::{Error, Result, core, fem, key, value};
 use crate::setup::body::Body;
 use crate::setup::clock::SetupClock;
-use crate::setup::kind::{Feature, Kind, Order};
+use crate::setup::kind::{Feature, Kind, Order, WHOLE};
 use crate::setup::mesh::Grid;
-use crate::spec::{ModelTable, SceneSpec, Shape};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene};
+use crate::spec::Shape;
 use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{self as arlequin_core, Interpolation, Outline, Participant, ParticleField};
@@ -42,9 +43,7 @@ impl Kind for Link {
             Feature::Zone => Some(
                 "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]",
             ),
-            Feature::Partition => {
-                Some("only bodies of particles, of finite and of natural elements go in parts")
-            }
+            Feature::Partition => Some(WHOLE),
             Feature::Volumes | Feature::CoarseSide => None,
         }
     }
@@ -54,7 +53,7 @@ impl Kind for Link {
     }
 
     /// Refuses `[wake]` and `[static]`.
-    fn check_in(&self, scene: &SceneSpec, order: &Order<'_>) -> Result<()> {
+    fn check_in(&self, scene: &LoweredScene, order: &Order<'_>) -> Result<()> {
         let table = match (&scene.wake, &scene.statics) {
             (Some(_), _) => "wake",
             (None, Some(_)) => "static",
@@ -73,7 +72,7 @@ impl Kind for Link {
 }
 
 /// Describes the program that a link starts or the address at which it waits.
-pub(crate) fn link_of(table: &ModelTable) -> String {
+pub(crate) fn link_of(table: &LoweredModel) -> String {
     let command = table.command.as_deref().map(arlequin_link::shown);
     match (command, &table.address) {
         (Some(command), _) => format!("starts {command}"),
@@ -83,7 +82,7 @@ pub(crate) fn link_of(table: &ModelTable) -> String {
 }
 
 /// Refuses keys of a link in other kinds of models.
-pub(super) fn check_keys(path: &str, table: &ModelTable) -> Result<()> {
+pub(super) fn check_keys(path: &str, table: &LoweredModel) -> Result<()> {
     let link_keys = [
         ("command", table.command.is_some()),
         ("address", table.address.is_some()),
@@ -97,11 +96,10 @@ pub(super) fn check_keys(path: &str, table: &ModelTable) -> Result<()> {
 }
 
 /// Refuses keys that only other kinds have, and a link without exactly one end.
-fn check(path: &str, table: &ModelTable) -> Result<()> {
+fn check(path: &str, table: &LoweredModel) -> Result<()> {
     let of_others = [
-        ("shape", !matches!(table.shape, Shape::Linked)),
-        // Without a material in the table, Young's modulus is NaN.
-        ("material", !table.material.young.is_nan()),
+        ("shape", table.shape.given().is_some()),
+        ("material", table.material.is_some()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),
         ("scale", (table.scale - 1.0).abs() > 0.0),
@@ -136,7 +134,7 @@ fn check(path: &str, table: &ModelTable) -> Result<()> {
     Ok(())
 }
 
-fn address(path: &str, table: &ModelTable) -> Result<Address> {
+fn address(path: &str, table: &LoweredModel) -> Result<Address> {
     let text = table.address.as_deref().unwrap_or_default();
     text.parse().map_err(|e: arlequin_link::Error| {
         let rule = match e {
@@ -148,7 +146,7 @@ fn address(path: &str, table: &ModelTable) -> Result<Address> {
 }
 
 /// Starts or awaits the external solver and builds a body from the description it sends.
-fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Body> {
+fn body(name: &str, path: &str, table: &LoweredModel, folder: &Path) -> Result<Body> {
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);
@@ -183,7 +181,7 @@ fn body(name: &str, path: &str, table: &ModelTable, folder: &Path) -> Result<Bod
         boundary: Vec::new(),
         material: None,
         materials: None,
-        shape,
+        shape: BodyShape::Given(shape),
         grains: None,
         warnings: Vec::new(),
         solver: Some(Box::new(solver)),
@@ -212,6 +210,7 @@ fn particles(path: &str, nodes: &[Point3<f64>], volumes: &[f64], pairs: &[[u32; 
     } else {
         field.with_gradients(pairs).map_err(core(path))?
     };
+    // Radius of a ball of the given volume.
     let third = 0.75 / std::f64::consts::PI;
     let grid = Grid {
         points: nodes.to_vec(),

@@ -16,7 +16,8 @@ use super::materials::elastic;
 use super::slit;
 use super::time;
 use crate::error::{Result, key};
-use crate::spec::{ModelKind, Shape};
+use crate::setup::BodyShape;
+use crate::spec::ModelKind;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserialize, Deserializer, Error as _};
 use serde_json::json;
@@ -74,7 +75,7 @@ pub(super) fn check(order: &Order<'_>) -> Result<()> {
     }
     slit::check(key, table, kind.refusal(Feature::Crack))?;
     if !kind.is_remote() {
-        elastic(key, &table.material)?;
+        elastic(key, table.known_material(key)?)?;
     }
     kind.check(order)?;
     volumes(order)?;
@@ -90,9 +91,8 @@ pub(super) fn build(order: &Order<'_>, clock: &mut SetupClock<'_>) -> Result<Bod
 /// Refuses materials for volumes if the kind cannot have them or the shape has no volumes.
 fn volumes(order: &Order<'_>) -> Result<()> {
     let filed = match &order.table.shape {
-        Shape::File(_) => true,
-        Shape::Piece(piece) => piece.is_of_file(),
-        _ => false,
+        BodyShape::Piece(piece) => piece.is_of_file(),
+        shape => shape.is_file(),
     };
     let rule = match (
         order.table.materials.is_empty(),

@@ -2,9 +2,10 @@
 
 use super::rules;
 use crate::error::{Result, core, key};
+use crate::setup::LoweredScene;
 use crate::setup::body::Body;
 use crate::setup::names::effect_models;
-use crate::spec::{Crack, EffectKind, Probe, SceneSpec};
+use crate::spec::{Crack, EffectKind, Probe};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{CrackFront, EnergyRelease, Weights};
 
@@ -17,7 +18,7 @@ fn front(crack: &Crack) -> CrackFront<f64> {
 }
 
 /// Checks what can be checked before anything is built.
-pub(in crate::setup) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &SceneSpec) -> Result<()> {
+pub(in crate::setup) fn check(path: &str, probe: &Probe, crack: &Crack, scene: &LoweredScene) -> Result<()> {
     front(crack).check().map_err(core(format!("{path}.crack")))?;
     let number = |name: &String| scene.model.keys().position(|n| n == name);
     let model = probe.model.as_ref().and_then(number);

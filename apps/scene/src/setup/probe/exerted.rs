@@ -5,8 +5,8 @@ use super::rules::axis;
 use crate::error::{Result, core, key, unknown, value};
 use crate::setup::body::Body;
 use crate::setup::names::{contact_sides, effect_models, model_index, parts};
-use crate::setup::{load, select};
-use crate::spec::{Effect, EffectKind, ObstacleShape, Probe, Quantity, SceneSpec, Selection};
+use crate::setup::{LoweredScene, load, select};
+use crate::spec::{EffectKind, ObstacleShape, Probe, Quantity, Selection};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
@@ -71,27 +71,17 @@ struct Bearers<'a> {
 }
 
 /// Name of support `k`.
-fn support_name(k: usize, scene: &SceneSpec) -> String {
+fn support_name(k: usize, scene: &LoweredScene) -> String {
     let given_name = scene.support[k].name.clone();
     given_name.unwrap_or_else(|| format!("support-{}", k + 1))
 }
 
-/// Name of an effect in the ledger; `None` for fracture, which exerts no force.
-fn effect_name(k: usize, e: &Effect) -> Option<String> {
-    match (&e.kind, &e.between) {
-        (EffectKind::Fracture(_), _) => None,
-        (EffectKind::Obstacle(o), _) => Some(o.ledger_name(k)),
-        (_, Some(between)) => Some(format!("contact {}", between.join("-"))),
-        _ => Some(e.kind.key().replace('_', "-")),
-    }
-}
-
 /// Names of all supports, loads and effects, sorted.
-fn names(scene: &SceneSpec) -> Vec<String> {
+fn names(scene: &LoweredScene) -> Vec<String> {
     let supports = (0..scene.support.len()).map(|k| support_name(k, scene));
     let loads = scene.load.iter().enumerate().map(|(k, l)| load::name(k, l));
     let effects = scene.effect.iter().enumerate();
-    let effects = effects.filter_map(|(k, e)| effect_name(k, e));
+    let effects = effects.filter_map(|(k, e)| e.ledger_name(k));
     let mut sorted: Vec<String> = supports.chain(loads).chain(effects).collect();
     sorted.sort();
     sorted.dedup();
@@ -99,7 +89,7 @@ fn names(scene: &SceneSpec) -> Vec<String> {
 }
 
 /// Returns whether the scene has a support, load or effect of this name.
-pub(crate) fn acts(name: &str, scene: &SceneSpec) -> bool {
+pub(crate) fn acts(name: &str, scene: &LoweredScene) -> bool {
     names(scene).iter().any(|n| n == name)
 }
 
@@ -107,7 +97,7 @@ pub(crate) fn acts(name: &str, scene: &SceneSpec) -> bool {
 ///
 /// # Errors
 /// An unknown name, or a name of both a support and something else.
-fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'a>> {
+fn bearers<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<Bearers<'a>> {
     let mut out = Bearers::default();
     let mut counts = BTreeMap::<usize, usize>::new();
     for (k, s) in scene.support.iter().enumerate() {
@@ -132,7 +122,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
         }
     }
     for (k, e) in scene.effect.iter().enumerate() {
-        if effect_name(k, e).as_deref() != Some(name) {
+        if e.ledger_name(k).as_deref() != Some(name) {
             continue;
         }
         out.effect = true;
@@ -166,7 +156,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a SceneSpec) -> Result<Bearers<'
 }
 
 /// Checks a probe of forces before anything is built.
-pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &SceneSpec) -> Result<()> {
+pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &LoweredScene) -> Result<()> {
     if probe.at.is_some() || probe.over.is_some() || probe.crack.is_some() {
         return Err(key(path, "of is a place by itself; remove at, where and crack"));
     }
@@ -182,7 +172,7 @@ pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &Sce
         .iter()
         .enumerate()
         .filter(|(_, e)| e.between.is_some());
-    if probe.model.is_none() && pairs.any(|(k, e)| effect_name(k, e).as_deref() == Some(name)) {
+    if probe.model.is_none() && pairs.any(|(k, e)| e.ledger_name(k).as_deref() == Some(name)) {
         let rule = "adds up to nothing over both models; name the one on which the force is meant";
         return Err(key(format!("{path}.model"), rule));
     }
@@ -194,7 +184,7 @@ pub(in crate::setup) fn check(path: &str, name: &str, probe: &Probe, scene: &Sce
 }
 
 /// Keeps only what acts on the model of the probe, if it names one.
-fn restrict(path: &str, probe: &Probe, scene: &SceneSpec, bearers: &mut Bearers<'_>) -> Result<()> {
+fn restrict(path: &str, probe: &Probe, scene: &LoweredScene, bearers: &mut Bearers<'_>) -> Result<()> {
     let Some(name) = &probe.model else { return Ok(()) };
     let m = model_index(&format!("{path}.model"), name, scene)?;
     if bearers.supports.is_empty() && bearers.models.is_empty() {
@@ -217,7 +207,7 @@ impl Exerted {
         path: &str,
         name: &str,
         probe: &Probe,
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         bodies: &[Body],
     ) -> Result<Self> {
         check(path, name, probe, scene)?;

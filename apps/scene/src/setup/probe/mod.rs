@@ -18,7 +18,8 @@ use super::interface::BuiltInterface;
 use super::names::model_index;
 use super::{select, weights};
 use crate::error::{Result, core, key};
-use crate::spec::{Probe, Quantity, Reading, SceneSpec};
+use crate::setup::LoweredScene;
+use crate::spec::{Probe, Quantity, Reading};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::ranks::Gather;
 use arlequin::core::{Arms, Coupled, EnergyRelease, Subdomain};
@@ -70,7 +71,7 @@ impl ProbeReader {
     pub(super) fn new(
         name: &str,
         probe: &Probe,
-        scene: &SceneSpec,
+        scene: &LoweredScene,
         bodies: &[Body],
         joints: &[BuiltInterface],
     ) -> Result<Self> {

@@ -31,6 +31,7 @@ pub(in crate::setup) fn inside(
     [low, high]: [[f64; 3]; 2],
 ) -> Result<()> {
     let size = low.iter().chain(&high).fold(0.0_f64, |s, c| s.max(c.abs()));
+    // Coordinates in scenes are rounded: a point on a face must count as inside.
     let slack = 1e-9 * size;
     // A line has no width, so only directions with an extent are checked.
     let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));

@@ -71,7 +71,13 @@ fn check_component(path: &str, quantity: Quantity, component: Option<Component>)
                 )),
             };
         }
-        _ => return Ok(()),
+        // These name a direction, or have no component; both are checked elsewhere.
+        Quantity::Displacement
+        | Quantity::Velocity
+        | Quantity::Rotation
+        | Quantity::Force
+        | Quantity::Moment
+        | Quantity::EnergyRelease => return Ok(()),
     };
     match component {
         Some(c) if fits(c) => Ok(()),

@@ -10,10 +10,10 @@
 use super::Piece;
 use crate::error::{Result, core, dem, fem};
 use crate::setup::faces::{Faces, corners_of};
-use crate::setup::materials;
 use crate::setup::packing::Likeness;
 use crate::setup::select::{inside, slack};
-use crate::spec::{Axis, ModelTable, Selection, Support};
+use crate::setup::{LoweredModel, materials};
+use crate::spec::{Axis, Selection, Support};
 use arlequin::core::adjacency::Adjacency;
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{DMatrix, Matrix3, Point3, Vector3};
@@ -114,7 +114,9 @@ pub(in crate::setup) type Supports<'a> = &'a [(usize, &'a Support)];
 /// The body's elements in a zone and its overlap, with which the zone's packing is compared.
 pub(in crate::setup) struct Twin<'a> {
     key: &'a str,
-    table: &'a ModelTable,
+    table: &'a LoweredModel,
+    /// Young's modulus of the body \[Pa\].
+    young: f64,
     mesh: &'a Mesh<f64>,
     share: Share,
     supports: Supports<'a>,
@@ -132,7 +134,7 @@ impl<'a> Twin<'a> {
     /// Prepares the elements of a zone; `None` if they have no border to the body.
     pub(in crate::setup) fn new(
         key: &'a str,
-        table: &'a ModelTable,
+        table: &'a LoweredModel,
         mesh: &'a Mesh<f64>,
         (piece, supports, folder): (&Piece, Supports<'a>, &Path),
     ) -> Result<Option<Self>> {
@@ -154,7 +156,8 @@ impl<'a> Twin<'a> {
         let bearings = [0, 1, 2]
             .map(|c| faces(&|f| !on_border(f) && mesh.facet_nodes(*f).iter().all(|k| held[*k as usize][c])));
         let supported = [0, 1, 2].map(|c| !bearings[c].is_empty());
-        let pulls = pulls(border.triangles(), table.material.young, supported);
+        let young = table.known_material(key)?.young;
+        let pulls = pulls(border.triangles(), young, supported);
         for (held, outer) in held.iter_mut().zip(&outer) {
             held.iter_mut().for_each(|c| *c |= *outer);
         }
@@ -162,6 +165,7 @@ impl<'a> Twin<'a> {
         Ok((!border.is_empty()).then(|| Self {
             key,
             table,
+            young,
             mesh,
             share,
             supports,
@@ -362,7 +366,7 @@ impl<'a> Twin<'a> {
         let factor = blend(strained.factor.ln(), hanging.factor.ln()).exp();
         let uneven = blend(strained.deviation, hanging.deviation).sqrt();
         let diameter = 2.0 * model.body().mean_radius();
-        let across = |pull: &Vector3<f64>| (pull.norm() / self.table.material.young).sqrt() / diameter;
+        let across = |pull: &Vector3<f64>| (pull.norm() / self.young).sqrt() / diameter;
         // Stiffness is proportional to the modulus of the beams.
         Ok(Some(Likeness {
             stiffness: if chosen { 1.0 } else { factor },

@@ -20,7 +20,8 @@ use super::body::Body;
 use super::mesh::{self, Elements, Request};
 use super::select;
 use crate::error::{Result, fem, key, value};
-use crate::spec::{Interface, ModelTable, OverlapShape, SceneSpec, Shape, ZoneTable};
+use crate::setup::{LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
+use crate::spec::ZoneTable;
 use arlequin::core::Overlap;
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::Point3;
@@ -58,9 +59,9 @@ pub struct ZoneLine {
 }
 
 /// Widths of the overlaps around the zones of a scene.
-pub(super) fn lines(scene: &SceneSpec, bodies: &[Body]) -> Vec<ZoneLine> {
-    let line = |(name, table): (&String, &Interface)| {
-        let OverlapShape::Zone(piece) = &table.overlap else {
+pub(super) fn lines(scene: &LoweredScene, bodies: &[Body]) -> Vec<ZoneLine> {
+    let line = |(name, table): (&String, &LoweredInterface)| {
+        let OverlapSource::Zone(piece) = &table.overlap else {
             return None;
         };
         let width = piece.width()?;
@@ -96,7 +97,7 @@ pub struct Piece {
 /// A body and its zones; divided at the first request for a piece.
 #[derive(Debug)]
 pub(super) struct Cut {
-    body: ModelTable,
+    body: LoweredModel,
     elements: Elements,
     zones: Vec<Zone>,
     /// Boxes in which loads and supports act on the body; the surfaces inside become groups.
@@ -122,7 +123,7 @@ pub(super) struct Mark {
 }
 
 impl Cut {
-    pub(super) fn new(body: ModelTable, elements: Elements, zones: Vec<Zone>, marks: Vec<Mark>) -> Self {
+    pub(super) fn new(body: LoweredModel, elements: Elements, zones: Vec<Zone>, marks: Vec<Mark>) -> Self {
         Self {
             body,
             elements,
@@ -201,7 +202,7 @@ impl Piece {
 
     /// Returns whether the body comes from a file.
     pub(super) fn is_of_file(&self) -> bool {
-        matches!(self.cut.body.shape, Shape::File(_))
+        self.cut.body.shape.is_file()
     }
 
     /// Mesh of the piece. Elements of a zone or a mediator are halved until they are no longer than

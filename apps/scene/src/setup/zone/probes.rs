@@ -4,7 +4,8 @@ use super::divide::{Division, Owner};
 use super::{Piece, select};
 use crate::error::{Result, fem};
 use crate::setup::names::BODY;
-use crate::spec::{Probe, SceneSpec, Selection, Shape};
+use crate::setup::{BodyShape, LoweredScene};
+use crate::spec::{Probe, Selection};
 use arlequin::core::nalgebra::{Point3, center};
 use arlequin::fem_ref::FemField;
 use std::path::Path;
@@ -15,11 +16,11 @@ use std::path::Path;
 /// # Errors
 /// A body that cannot be meshed or divided.
 pub(in crate::setup) fn with_probes_in_zones(
-    scene: &SceneSpec,
+    scene: &LoweredScene,
     folder: &Path,
-) -> Result<(SceneSpec, Vec<String>)> {
+) -> Result<(LoweredScene, Vec<String>)> {
     let (mut out, mut warnings) = (scene.clone(), Vec::new());
-    let Some(Shape::Piece(body)) = scene.model.get(BODY).map(|m| &m.shape) else {
+    let Some(BodyShape::Piece(body)) = scene.model.get(BODY).map(|m| &m.shape) else {
         return Ok((out, warnings));
     };
     for (name, probe) in &mut out.probe {

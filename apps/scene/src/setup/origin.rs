@@ -1,20 +1,21 @@
-//! The key of a scene that causes an error of the core: one that the scene has or could have.
+//! Keys of errors of the core: the key of the object that the error names, otherwise that of the object on
+//! which the set-up worked.
 
 use crate::error::Error;
-use crate::spec::{SceneSpec, StepChoice};
-use arlequin::core::Error as Core;
+use crate::setup::LoweredScene;
+use crate::spec::StepChoice;
+use arlequin::core::{Error as Core, SetupPhase};
 
-/// Adds the key that causes it to an error of the core.
-pub(super) fn located(scene: &SceneSpec, source: Core) -> Error {
-    Error::Core {
-        key: key_of(scene, &source),
-        source,
-    }
+/// Adds the key that causes it to an error of the core in this phase of the set-up.
+pub(super) fn in_phase(scene: &LoweredScene, phase: SetupPhase, source: Core) -> Error {
+    let key = named(scene, &source).unwrap_or_else(|| of_phase(scene, phase));
+    Error::Core { key, source }
 }
 
-fn key_of(scene: &SceneSpec, source: &Core) -> String {
+/// Key of the model or the interface that an error names.
+fn named(scene: &LoweredScene, source: &Core) -> Option<String> {
     let of_interface = |name: &str, key: &str| format!("interface.{name}.{key}");
-    match source {
+    Some(match source {
         Core::UnstableStep { model, steps, .. } => step(scene, model, *steps),
         Core::EmptyOverlap { interface: i, .. }
         | Core::OverhangingMediator { interface: i, .. }
@@ -34,13 +35,27 @@ fn key_of(scene: &SceneSpec, source: &Core) -> String {
         | Core::Unsupported { model, .. }
         | Core::UnweightedEnergy { model, .. }
         | Core::Model { model, .. } => format!("model.{model}"),
-        Core::InvalidParameter { .. } => models(scene),
-        _ => interfaces(scene),
-    }
+        _ => return None,
+    })
+}
+
+/// Key of the object on which a phase of the set-up works.
+fn of_phase(scene: &LoweredScene, phase: SetupPhase) -> String {
+    let models = || scene.model.keys();
+    let name = |names: &mut dyn Iterator<Item = &String>, k: usize| names.nth(k).cloned();
+    let place = match phase {
+        SetupPhase::Weights(m) => name(&mut models(), m).map(|n| format!("model.{n}")),
+        SetupPhase::Junction(k) | SetupPhase::Operator(k) => {
+            name(&mut scene.interface.keys(), k).map(|n| format!("interface.{n}"))
+        }
+        SetupPhase::Step => Some("time.step".to_owned()),
+        _ => None,
+    };
+    place.unwrap_or_else(|| interfaces(scene))
 }
 
 /// Key of an unstable step: the one that the scene gives, otherwise the model.
-fn step(scene: &SceneSpec, model: &str, steps: usize) -> String {
+fn step(scene: &LoweredScene, model: &str, steps: usize) -> String {
     let has_own = scene.model.get(model).is_some_and(|t| t.step.is_some());
     let in_seconds = matches!(scene.time.step, StepChoice::Seconds(_));
     match (has_own, in_seconds) {
@@ -51,24 +66,16 @@ fn step(scene: &SceneSpec, model: &str, steps: usize) -> String {
     }
 }
 
-/// Key of the interface if there is only one, else of all interfaces; of the models if there is no interface.
-fn interfaces(scene: &SceneSpec) -> String {
+/// Key of all interfaces, which the partition check and the initial state treat together; that of the models
+/// if there is no interface.
+fn interfaces(scene: &LoweredScene) -> String {
     let mut names = scene.interface.keys();
     match (names.next(), names.next()) {
-        (None, _) => models(scene),
+        (None, _) if scene.body.is_some() => "model.body".to_owned(),
+        (None, _) => "model".to_owned(),
         (Some(name), None) => format!("interface.{name}"),
         // Interfaces of zones have no key of their own; their keys are those of the zones.
         _ if scene.body.is_some() => "zone".to_owned(),
         _ => "interface".to_owned(),
-    }
-}
-
-/// Key of the model if there is only one, else of all models; of the body if it has zones.
-fn models(scene: &SceneSpec) -> String {
-    let mut names = scene.model.keys();
-    match (names.next(), names.next()) {
-        (Some(name), None) => format!("model.{name}"),
-        _ if scene.body.is_some() => "model.body".to_owned(),
-        _ => "model".to_owned(),
     }
 }
