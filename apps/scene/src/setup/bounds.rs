@@ -37,7 +37,7 @@ impl Bounds {
             // Without a known material, any speed is plausible.
             wave: material.map_or(f64::INFINITY, Elastic::p_wave_speed),
             extent: size.max(),
-            section: match shape.given() {
+            section: match shape.in_scene() {
                 Some(Shape::Bar { section, .. }) => *section,
                 _ => size.product() / size.max(),
             },

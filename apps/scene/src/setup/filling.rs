@@ -382,14 +382,14 @@ pub fn beam(path: &str, table: &LoweredModel) -> Result<BeamMaterial> {
         let rule = "decides the stiffness together with dem.young; give both";
         return Err(key(format!("{path}.dem.radius_ratio"), rule));
     }
-    let given = table.known_material(path)?;
-    if let (Some(ratio), None, None) = (ratio_from_table(table, given), young, poisson) {
+    let main = table.known_material(path)?;
+    if let (Some(ratio), None, None) = (ratio_from_table(table, main), young, poisson) {
         let [low, high] = BeamMaterial::BULK_POISSON;
         let nearest = ratio.clamp(low, high);
-        return BeamMaterial::from_bulk(given.young, nearest).map_err(dem(format!("{path}.dem")));
+        return BeamMaterial::from_bulk(main.young, nearest).map_err(dem(format!("{path}.dem")));
     }
     let beam = BeamMaterial {
-        young: young.unwrap_or(YOUNG_RATIO * given.young),
+        young: young.unwrap_or(YOUNG_RATIO * main.young),
         poisson: poisson.unwrap_or(BeamMaterial::SILICA.poisson),
         radius_ratio: radius_ratio.unwrap_or(BeamMaterial::SILICA.radius_ratio),
     };
@@ -473,8 +473,8 @@ pub(super) fn unlike_the_body(
     let BodyShape::Piece(_) = table.shape else {
         return None;
     };
-    let given = table.material?;
-    let [body_young, ratio] = [given.young, given.poisson.unwrap_or(0.0)];
+    let main = table.material?;
+    let [body_young, ratio] = [main.young, main.poisson.unwrap_or(0.0)];
     let [young, poisson] = match likeness {
         Some(measured) => [body_young * measured.stiffness, beam.bulk()[1]],
         None => beam.bulk(),

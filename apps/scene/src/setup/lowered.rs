@@ -27,7 +27,7 @@ pub enum BodyShape {
 
 impl BodyShape {
     /// Returns the shape if the scene gives it.
-    pub fn given(&self) -> Option<&Shape> {
+    pub fn in_scene(&self) -> Option<&Shape> {
         match self {
             Self::Given(shape) => Some(shape),
             Self::Piece(_) | Self::Remote => None,

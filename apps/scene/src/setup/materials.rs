@@ -9,8 +9,8 @@ use arlequin::fem_ref::{Mesh, list_pieces};
 /// Materials of the elements: the one given for the volume of the element, otherwise the main one of the
 /// table.
 pub(super) fn element_materials(key: &str, table: &LoweredModel, mesh: &Mesh<f64>) -> Result<Materials<f64>> {
-    let given = table.known_material(key)?;
-    let main = elastic(key, given)?;
+    let table_material = table.known_material(key)?;
+    let main = elastic(key, table_material)?;
     if table.materials.is_empty() {
         return Ok(main.into());
     }
@@ -28,7 +28,7 @@ pub(super) fn element_materials(key: &str, table: &LoweredModel, mesh: &Mesh<f64
             )
         })?;
         number[volume] = materials.len() as u32;
-        materials.push(of_volume(&path, given, material)?);
+        materials.push(of_volume(&path, table_material, material)?);
     }
     let numbers = mesh.regions().iter().map(|r| number[*r as usize]);
     Materials::of_elements(materials, numbers.collect()).map_err(core(format!("{key}.materials")))

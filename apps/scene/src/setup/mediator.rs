@@ -68,8 +68,8 @@ pub(super) fn within_hull(request: Request<'_>, grains: &Body) -> Result<BodySha
     for step in 1..=30 {
         // Fine steps keep the mediator as large as possible: what it leaves out is untied.
         let inset = 0.1 * f64::from(step) * grains.spacing;
-        let given = request.shape.given().zip(grains.shape.given());
-        let Some(shape) = given.and_then(|(shape, body)| moved_inwards(shape, body, inset)) else {
+        let shapes = request.shape.in_scene().zip(grains.shape.in_scene());
+        let Some(shape) = shapes.and_then(|(shape, body)| moved_inwards(shape, body, inset)) else {
             break;
         };
         let shape = BodyShape::Given(shape);
@@ -140,7 +140,7 @@ fn moved_inwards(shape: &Shape, body: &Shape, inset: f64) -> Option<Shape> {
 
 /// Derives the shape of the mediator: the part of the overlap that both models fill.
 fn derived_shape(path: &str, overlap: &OverlapShape, shapes: [&BodyShape; 2]) -> Result<Shape> {
-    let derived = match (overlap, shapes.map(BodyShape::given)) {
+    let derived = match (overlap, shapes.map(BodyShape::in_scene)) {
         (OverlapShape::Slab { fine, coarse }, [Some(a), Some(b)]) => layer(fine, coarse, [a, b]),
         (OverlapShape::Shell { core, domain }, [Some(a), Some(b)]) => frame(core, domain, [a, b]),
         (_, [None, _] | [_, None]) => None,

@@ -255,7 +255,7 @@ impl Request<'_> {
     /// elements.
     pub(super) fn check_body(&self) -> Result<()> {
         self.check()?;
-        let Some(Shape::Box { low, high, hole }) = self.shape.given() else {
+        let Some(Shape::Box { low, high, hole }) = self.shape.in_scene() else {
             return Ok(());
         };
         let Some(hole) = hole else { return Ok(()) };
@@ -433,7 +433,7 @@ pub(super) fn divisions_of(
 
 /// Groups of the mesh of a shape; `None` if only the mesh, the body of a zone or a link knows them.
 pub(super) fn groups(shape: &BodyShape) -> Option<&'static [&'static str]> {
-    Some(match shape.given()? {
+    Some(match shape.in_scene()? {
         Shape::Box { .. } => &["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"],
         Shape::Cylinder { .. } => &["x-min", "x-max", "side"],
         Shape::Ball { .. } => &["surface"],

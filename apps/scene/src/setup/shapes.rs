@@ -55,7 +55,7 @@ pub(super) fn region_box(shape: &RegionShape) -> [[f64; 3]; 2] {
 
 /// Lowest and highest corner of a shape; `None` if a file, a zone or a link determines them.
 pub(super) fn ends(shape: &BodyShape) -> Option<[[f64; 3]; 2]> {
-    Some(match *shape.given()? {
+    Some(match *shape.in_scene()? {
         Shape::Box { low, high, .. } => [low, high],
         Shape::Cylinder { from, length, radius } => {
             let [x, y, z] = from;

@@ -33,7 +33,7 @@ pub(super) struct Skin {
 impl Skin {
     /// Returns the surface of a shape.
     pub(super) fn new(shape: &BodyShape, filling: &Filling) -> Self {
-        let groups = match shape.given() {
+        let groups = match shape.in_scene() {
             Some(Shape::Box { low, high, .. }) => cuboid(*low, *high),
             Some(Shape::Cylinder { from, length, radius }) => {
                 cylinder(&Point3::from(*from), *length, *radius)

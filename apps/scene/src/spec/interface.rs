@@ -10,8 +10,8 @@ pub use arlequin::core::JunctionKind;
 pub use arlequin::core::ProfileKind;
 use arlequin::core::{Partition, Sampling, Solver, Weighting};
 
-/// `[interface.NAME]`: the coupling of two models. `O` is its overlap, as the scene gives it or as set-up
-/// derives it.
+/// `[interface.NAME]`: the coupling of two models.
+// `O` is its overlap, as the scene gives it or as set-up derives it.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Interface")]

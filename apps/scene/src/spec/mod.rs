@@ -34,7 +34,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// A scene file. `M` and `I` are its models and interfaces, as the file gives them or as set-up derives them.
+/// A scene file.
+// `M` and `I` are its models and interfaces, as the file gives them or as set-up derives them.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[serde(bound(deserialize = "M: Deserialize<'de>, I: Deserialize<'de>"))]

@@ -12,7 +12,8 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ModelKind(pub(crate) usize);
 
-/// `[model.NAME]`: one mechanics model. `S` is its shape, as the scene gives it or as set-up derives it.
+/// `[model.NAME]`: one mechanics model.
+// `S` is its shape, as the scene gives it or as set-up derives it. The schema shows the line above only.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ModelTable")]

@@ -114,7 +114,7 @@ impl Sample {
                         --box or --cylinder with --spacing";
             return Err(key(format!("{model_key}.dem.file"), rule));
         };
-        let (from, form) = match table.shape.given() {
+        let (from, form) = match table.shape.in_scene() {
             Some(Shape::Cylinder { radius, .. }) => ("cylinder", format!("radius {radius:e} m")),
             _ => ("box", format!("section {:.4e} m2", bar.area)),
         };
@@ -349,7 +349,7 @@ fn apply_options(wanted: &Wanted, table: &mut LoweredModel) {
 /// Returns the bar of a shape in the frame of its container, and its width \[m\]; `None` for shapes that are
 /// no bars along x.
 fn bar(shape: &BodyShape) -> Option<(Bar, f64)> {
-    match *shape.given()? {
+    match *shape.in_scene()? {
         Shape::Cylinder { length, radius, .. } => {
             let bar = Bar {
                 start: 0.0,

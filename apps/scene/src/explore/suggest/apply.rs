@@ -187,7 +187,7 @@ fn move_slab(scene: &LoweredScene, s: &Scenario, overlap: f64) -> Vec<Change> {
     }
     let shape = format!("model.{fine}.shape");
     let up = s.inward > 0.0;
-    match scene.model.get(fine).and_then(|m| m.shape.given()) {
+    match scene.model.get(fine).and_then(|m| m.shape.in_scene()) {
         Some(Shape::Box { low, high, .. }) => {
             let (name, corner) = if up { ("high", high) } else { ("low", low) };
             out.push(Change::new(format!("{shape}.box.{name}"), point(*corner)));
@@ -225,7 +225,7 @@ fn move_shell(scene: &LoweredScene, s: &Scenario, width: f64) -> Vec<Change> {
         format!("{}.overlap.shell.domain", s.keys[1]),
         format!("model.{}.shape", s.names[2]),
     ];
-    match (core, domain, fine.shape.given()) {
+    match (core, domain, fine.shape.in_scene()) {
         (RegionShape::Ball { radius, .. }, ..) => paths
             .map(|p| Change::new(format!("{p}.ball.radius"), digits(radius + width)))
             .to_vec(),

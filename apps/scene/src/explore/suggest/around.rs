@@ -146,7 +146,7 @@ fn widths(core: &RegionShape, domain: &RegionShape) -> Vec<f64> {
 
 /// Returns whether a fine body ends where a domain does, on all faces that part the domain from the core.
 fn fills(fine: &LoweredModel, core: &RegionShape, domain: &RegionShape) -> bool {
-    match (fine.shape.given(), core, domain) {
+    match (fine.shape.in_scene(), core, domain) {
         (
             Some(Shape::Box { low, high, .. }),
             RegionShape::Box { low: a, high: b },
@@ -172,7 +172,7 @@ fn fills(fine: &LoweredModel, core: &RegionShape, domain: &RegionShape) -> bool 
 
 /// Returns the spacing of a coarse body and its smallest size \[m\].
 fn sizes_of(path: &str, model: &LoweredModel) -> Result<(f64, f64)> {
-    let edges = match model.shape.given() {
+    let edges = match model.shape.in_scene() {
         Some(Shape::Box { low, high, .. }) => [0, 1, 2].map(|c| high[c] - low[c]),
         Some(Shape::Cylinder { length, radius, .. }) => [*length, 2.0 * radius, 2.0 * radius],
         Some(Shape::Ball { radius, .. }) => [2.0 * radius; 3],

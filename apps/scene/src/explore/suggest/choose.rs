@@ -357,8 +357,8 @@ mod tests {
              spacing = 0.1\nmaterial = { young = 1, density = 1 }\n\
              [interface.j]\ncoarse = \"a\"\nfine = \"b\"\n\
              overlap.slab = { fine = [0, 0, 0], coarse = [2, 0, 0] }\nweight = { profile = \"cubic\" }\n[time]\nend = 1\n";
-        let scene = toml::from_str(scene).expect("a scene");
-        let s = super::super::scenario::scenario(&scene).expect("a scenario");
+        let scene = crate::scene::Scene::from_text(scene).expect("a scene");
+        let s = super::super::scenario::scenario(scene.spec()).expect("a scenario");
         let (given, _) = as_given(&s);
         let measured = Measured {
             nodes: [19.0, 111.0],

@@ -36,7 +36,7 @@ pub(super) struct Elements {
 impl Mesher {
     /// Reads a body; waves run along the edge `along`.
     pub(super) fn of_shape(shape: &BodyShape, along: Option<usize>) -> Self {
-        let mut out = match shape.given() {
+        let mut out = match shape.in_scene() {
             Some(Shape::Box { low, high, hole }) => {
                 Self::of_box([low, high], hole.as_ref().map(|h| [&h.low, &h.high]))
             }
@@ -168,7 +168,7 @@ impl Frame {
             Shape::Box {
                 low: f0, high: f1, ..
             },
-        ) = (coarse.shape.given()?, fine.shape.given()?)
+        ) = (coarse.shape.in_scene()?, fine.shape.in_scene()?)
         else {
             return None;
         };

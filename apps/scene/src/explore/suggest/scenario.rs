@@ -241,7 +241,7 @@ pub(super) fn length_ratio(table: &LoweredInterface, mediator: f64) -> f64 {
 
 /// Returns the first and last coordinate of a body on an axis \[m\].
 pub(super) fn extent(name: &str, model: &LoweredModel, axis: usize) -> Result<[f64; 2]> {
-    match model.shape.given() {
+    match model.shape.in_scene() {
         Some(Shape::Box { low, high, .. }) => Ok([low[axis], high[axis]]),
         Some(Shape::Cylinder { from, length, .. }) if axis == 0 => Ok([from[0], from[0] + length]),
         Some(Shape::Bar { from, to, .. }) if axis == 0 => Ok([*from, *to]),
@@ -256,7 +256,7 @@ pub(super) fn extent(name: &str, model: &LoweredModel, axis: usize) -> Result<[f
 }
 
 fn across(shape: &BodyShape, axis: usize) -> Option<f64> {
-    match shape.given()? {
+    match shape.in_scene()? {
         Shape::Box { low, high, .. } => (0..3)
             .filter(|c| *c != axis)
             .map(|c| high[c] - low[c])
@@ -283,7 +283,7 @@ fn spacings(
             .map(|n| (e[1] - e[0]) / *n as f64);
         // Mean diameter of so many spheres that fill the body at the density of a jammed packing.
         let counted = m.dem.count.and_then(|n| {
-            let volume = match m.shape.given()? {
+            let volume = match m.shape.in_scene()? {
                 Shape::Box { low, high, .. } => (0..3).map(|k| high[k] - low[k]).product::<f64>(),
                 Shape::Cylinder { length, radius, .. } => PI * radius * radius * length,
                 _ => return None,

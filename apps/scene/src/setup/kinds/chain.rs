@@ -51,10 +51,10 @@ impl Kind for Chain {
         let Order { name, key, table, .. } = *order;
         let (from, to, section, bonds) = line(key, table)?;
         let spacing = (to - from) / bonds as f64;
-        let given = table.known_material(key)?;
-        let mass = given.density * section * spacing;
-        let stiffness = given.young * section / spacing;
-        let material = elastic(key, given)?;
+        let main = table.known_material(key)?;
+        let mass = main.density * section * spacing;
+        let stiffness = main.young * section / spacing;
+        let material = elastic(key, main)?;
         let model = SpringChain::new(name, from, spacing, bonds, mass, stiffness);
         let model = model.and_then(|c| c.with_section(section)).map_err(core(key))?;
         let ends = [("x-min", vec![0]), ("x-max", vec![bonds])];

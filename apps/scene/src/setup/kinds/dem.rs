@@ -176,7 +176,7 @@ impl Kind for Dem {
         } = *order;
         clock.begin(format!("packing of '{name}'"));
         grains::check_loose(key, table, effects)?;
-        let given = table.known_material(key)?;
+        let main = table.known_material(key)?;
         let filling = Filling::from_table(key, table, folder)?;
         let recipe = Recipe::from_table(key, table, folder, &filling)?;
         let built = recipe.packing(key, &mut |share| clock.progress(share));
@@ -184,14 +184,14 @@ impl Kind for Dem {
         clock.begin(format!("model of '{name}'"));
         packing.positions.iter_mut().for_each(|x| *x += filling.shift);
         let make = |packing: &Packing, beam| {
-            let model = DemModel::new(name, packing, beam, given.density).map_err(dem(key))?;
+            let model = DemModel::new(name, packing, beam, main.density).map_err(dem(key))?;
             graded(key, table, &filling, model)
         };
         let (beam, likeness) = fitted(order, &filling, &|beam| make(&packing, beam))?;
         // The body's elements have no notch, so the packing is measured before it gets one.
         let knives = notch::knives(key, &table.dem.notch, folder)?;
         notch::cut(&knives, &Vector3::zeros(), &mut packing)?;
-        let line = PackingLine::from_packing(&packing, given.density, likeness);
+        let line = PackingLine::from_packing(&packing, main.density, likeness);
         let mut warnings = line.warnings();
         warnings.extend(unlike_the_body(table, &beam, likeness.as_ref()));
         warnings.extend(unlike_its_material(table, &beam));
@@ -224,7 +224,7 @@ impl Kind for Dem {
         let grid = Grid::of_spheres(&model);
         let radii = model.body().radii();
         let spacing = 2.0 * radii.iter().sum::<f64>() / radii.len() as f64;
-        let material = materials::elastic(key, given)?;
+        let material = materials::elastic(key, main)?;
         Ok(Body {
             groups: groups(&model, &table.shape, &filling),
             field,

@@ -98,7 +98,7 @@ pub(super) fn check_keys(path: &str, table: &LoweredModel) -> Result<()> {
 /// Refuses keys that only other kinds have, and a link without exactly one end.
 fn check(path: &str, table: &LoweredModel) -> Result<()> {
     let of_others = [
-        ("shape", table.shape.given().is_some()),
+        ("shape", table.shape.in_scene().is_some()),
         ("material", table.material.is_some()),
         ("spacing", table.spacing.is_some()),
         ("divisions", table.divisions.is_some()),
