@@ -295,6 +295,28 @@ fn the_report_of_a_run_is_short_and_narrow() {
     assert!(help.lines().all(|l| l.chars().count() <= 100), "{help}");
 }
 
+/// Issue 28: no warning stands twice in a log that has both streams, and the report alone has all of them.
+#[cfg(unix)]
+#[test]
+fn warnings_stand_once_in_a_log_of_both_streams() {
+    let folder = scratch("one-log");
+    let scene = small(&folder);
+    let path = folder.join("log");
+    let log = std::fs::File::create(&path).expect("a log");
+    let mut run = command(&["run", text(&scene), "--out", text(&folder.join("out"))]);
+    let status = run
+        .stdout(log.try_clone().expect("a copy"))
+        .stderr(log)
+        .status()
+        .expect("runs");
+    assert!(status.success());
+    let both = crate::common::unwrapped(&std::fs::read_to_string(&path).expect("the log"));
+    assert_eq!(both.matches("which reflects waves").count(), 1, "{both}");
+    let report = succeed(&["run", text(&scene), "--out", text(&folder.join("again"))]);
+    let report = crate::common::unwrapped(&report);
+    assert_eq!(report.matches("which reflects waves").count(), 1, "{report}");
+}
+
 /// Returns the components of an array of a VTU file.
 fn numbers(bytes: &[u8], wanted: &str) -> Vec<f64> {
     let (_, _, blocks) = arrays(bytes);
