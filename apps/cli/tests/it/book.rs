@@ -142,8 +142,10 @@ const LEFT_OUT: [(&str, &str); 8] = [
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 8] = [
+const LONG: [&str; 9] = [
     "arlequin run examples/scenes/branching.toml",
+    // The page of that run.
+    "arlequin view fork",
     "arlequin verify --fracture",
     "arlequin run examples/scenes/plate-impact.toml",
     "arlequin run examples/sweeps/scenes/plate-impact-fine.toml",
@@ -185,6 +187,13 @@ fn every_page_with_commands_is_run() {
         let listed = PAGES.iter().any(|(p, ..)| Path::new(p) == name);
         assert!(!runs || listed, "{}", page.display());
     }
+}
+
+/// Every command of these pages takes minutes; a command that does not is run here.
+#[test]
+fn the_pages_of_long_runs_have_no_other_commands() {
+    run_pages("branching", 0);
+    run_pages("plate-impact", 0);
 }
 
 #[test]
