@@ -379,8 +379,8 @@ fn remove(root: &mut toml::Table, path: &str) -> std::result::Result<(), String>
     let (last, head) = parts.split_last().ok_or("the path is empty")?;
     let mut table = Some(root);
     let mut head = head.iter().map(|k| k.get());
-    while let (Some(inside), Some(part)) = (table.take(), head.next()) {
-        table = match inside.get_mut(part) {
+    while let Some(part) = head.next() {
+        table = match table.and_then(|inside| inside.get_mut(part)) {
             Some(Value::Table(t)) => Some(t),
             // The next part is the number of an entry.
             Some(Value::Array(entries)) => {
