@@ -393,8 +393,7 @@ fn remove(root: &mut toml::Table, path: &str) -> std::result::Result<(), String>
         };
     }
     let removed = table.and_then(|t| t.remove(last.get()));
-    let missing =
-        "is not in the scene: nothing is removed; name a key that the scene file has, or give a value";
+    let missing = "it is not in the scene; name a key that the scene file has, or give a value";
     removed.map(|_| ()).ok_or_else(|| missing.to_owned())
 }
 

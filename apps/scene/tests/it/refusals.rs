@@ -339,7 +339,7 @@ fn paths_are_read_as_messages_and_toml_write_them() {
     assert_says(
         &refused(solids().assign(&["time.ende=".into()])),
         "time.ende",
-        &["is not in the scene"],
+        &["cannot remove time.ende: it is not in the scene"],
     );
     let changes = [
         "model.left.spacing=",
