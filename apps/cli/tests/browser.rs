@@ -273,7 +273,10 @@ end = 2.0
     succeed(&["view", text(&out)]);
     let mut browser = Browser::start(&place.join("profile"));
     for (width, phone) in SIZES {
-        let faults = browser.visit(&out.join("view.html"), width, phone).faults();
+        let page = out.join("view.html");
+        let faults = browser
+            .visit_part(&page, "#field=displacement", width, phone)
+            .faults();
         assert_eq!(faults, Vec::<String>::new(), "{width} px");
         let highest = "(() => { const p = parts[0], m = p.attributes.move.array, x = new THREE.Vector3(); let top = 0; \
                        for (let i = 0; i < p.count; i++) { \

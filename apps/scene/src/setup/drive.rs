@@ -169,6 +169,9 @@ pub(super) fn wide_turns(scene: &SceneSpec, last: f64) -> Vec<String> {
             let Some((name, table)) = scene.model.iter().nth(m) else {
                 continue;
             };
+            if kind(table.kind).is_remote() {
+                continue;
+            }
             let remedy = match kind(table.kind).has_spheres() {
                 true if table.dem.finite_rotations => continue,
                 true => "set dem.finite_rotations = true",
