@@ -288,6 +288,20 @@ fn the_report_of_a_run_is_short_and_narrow() {
         (shown * unit / peak - 1.0).abs() < 0.01,
         "{shown} {peak}: {printed}"
     );
+    // So is the report of the shipped scene with the most to tell.
+    let waking = crate::common::scene("waking-bar.toml");
+    let printed = succeed(&["run", text(&waking), "--out", text(&out), "--force"]);
+    let lines_of = |start: &str| {
+        printed
+            .lines()
+            .position(|l| l.starts_with(start))
+            .expect("an entry")
+    };
+    let warnings = lines_of("energy") - lines_of("warning");
+    assert!(
+        printed.lines().count() - warnings <= 20 && printed.contains("'grains' woke at t ="),
+        "{printed}"
+    );
     // Everything else is there on request.
     let all = succeed(&["run", "--verbose", text(&scene), "--out", text(&out), "--force"]);
     assert!(all.lines().count() > lines.len() && crate::common::unwrapped(&all).contains("critical step"));
