@@ -17,8 +17,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Angle \[rad\] up to which bodies with small displacements may turn: strains are then off by half a per cent
-/// at most.
+/// Angle \[rad\] up to which bodies with small displacements may turn: strains are then off by half a per
+/// cent at most.
 const SMALL_TURN: f64 = 0.1;
 
 /// An effect that is not yet attached to a model.
