@@ -250,6 +250,45 @@ fn a_page_opens_where_something_is_seen() {
     );
 }
 
+/// A block that flies by its own length is in the picture when the page opens.
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn a_page_opens_with_a_moved_body_in_its_picture() {
+    let place = scratch("browser-moved");
+    let path = place.join("scene.toml");
+    let block = r#"
+[model.block]
+kind = "fem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [1.0, 1.0, 1.0] }
+spacing = 0.5
+material = { young = 1.0, poisson = 0.2, density = 1.0 }
+[[initial]]
+velocity.uniform = [0.0, 0.0, 0.5]
+[time]
+end = 2.0
+"#;
+    std::fs::write(&path, block).expect("writes");
+    let out = place.join("out");
+    succeed(&["run", text(&path), "--out", text(&out)]);
+    succeed(&["view", text(&out)]);
+    let mut browser = Browser::start(&place.join("profile"));
+    for (width, phone) in SIZES {
+        let page = out.join("view.html");
+        let faults = browser
+            .visit_part(&page, "#field=displacement", width, phone)
+            .faults();
+        assert_eq!(faults, Vec::<String>::new(), "{width} px");
+        let highest = "(() => { const p = parts[0], m = p.attributes.move.array, x = new THREE.Vector3(); let top = 0; \
+                       for (let i = 0; i < p.count; i++) { \
+                         x.set(...[0, 1, 2].map((c) => p.places[3 * i + c] + state.warp * m[3 * i + c])).project(camera); \
+                         top = Math.max(top, Math.abs(x.x), Math.abs(x.y)); } return [top, Math.max(...m)]; })()";
+        let seen = browser.value(highest);
+        let [top, moved] = [0, 1].map(|k| seen[k].as_f64().expect("a number"));
+        assert!(moved > 0.3 && (0.5..1.0).contains(&top), "{width} px: {seen}");
+        browser.keep(&place.join(format!("moved-{width}.png")));
+    }
+}
+
 #[test]
 #[ignore = "needs a browser; .ci/run installs one and runs this"]
 fn the_controls_of_a_page_do_what_they_say() {

@@ -49,7 +49,22 @@ function bodies() {
   return models.length ? models : parts;
 }
 
-/** Looks along a direction (as before without one), so that everything at rest is in the picture. */
+/** Half the width and height of the picture that holds the models with displacements times `warp`. */
+function spread(warp) {
+  const [right, up] = [0, 1].map((k) => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, k));
+  let [wide, high] = [1e-6, 1e-6];
+  const x = new THREE.Vector3();
+  for (const p of bodies()) {
+    const step = Math.max(1, Math.floor(p.count / 3000)), move = p.attributes.move.array;
+    for (let i = 0; i < p.count; i += step) {
+      x.set(...[0, 1, 2].map((c) => p.places[3 * i + c] + warp * move[3 * i + c])).sub(controls.target);
+      [wide, high] = [Math.max(wide, Math.abs(x.dot(right))), Math.max(high, Math.abs(x.dot(up)))];
+    }
+  }
+  return [wide, high];
+}
+
+/** Looks along a direction (as before without one), so that everything is in the picture, at rest and in the frame shown. */
 function look(name) {
   const directions = { iso: [-0.55, -1, 0.6], x: [1, 0, 0], y: [0, -1, 0], z: [0, -1e-3, 1] };
   if (name) {
@@ -61,16 +76,9 @@ function look(name) {
     controls.update();
   }
   camera.updateMatrixWorld();
-  const [right, up] = [0, 1].map((k) => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, k));
-  let [wide, high] = [1e-6, 1e-6];
-  const x = new THREE.Vector3();
-  for (const p of bodies()) {
-    const step = Math.max(1, Math.floor(p.count / 3000));
-    for (let i = 0; i < p.count; i += step) {
-      x.fromArray(p.places, 3 * i).sub(controls.target);
-      [wide, high] = [Math.max(wide, Math.abs(x.dot(right))), Math.max(high, Math.abs(x.dot(up)))];
-    }
-  }
+  // Pieces that have flown away may leave the picture.
+  const rest = spread(0), most = 3 * Math.max(...rest), now = spread(state.warp);
+  const [wide, high] = rest.map((r, k) => Math.max(r, Math.min(now[k], most)));
   camera.zoom = 0.42 * Math.min((camera.right - camera.left) / wide, 1 / high);
   draw();
 }

@@ -44,11 +44,11 @@ pub enum Error {
         span: Option<std::ops::Range<usize>>,
     },
     /// A change of a value ([`Scene::set`](crate::Scene::set), `--set`) that the scene cannot take.
-    #[error("cannot set {key} = {value}: {message}")]
+    #[error("cannot {}: {message}", change(key, value))]
     Set {
         /// Key path as given.
         key: String,
-        /// Value as given.
+        /// Value as given; empty to remove the key.
         value: String,
         /// Reason and remedy.
         message: String,
@@ -311,6 +311,14 @@ pub fn value(key: impl Into<String>, value: impl std::fmt::Display, rule: &str) 
         key: key.into(),
         value: short(value.to_string()),
         rule: rule.to_owned(),
+    }
+}
+
+/// Words for a change of a value that failed.
+fn change(key: &str, value: &str) -> String {
+    match value {
+        "" => format!("remove {key}"),
+        _ => format!("set {key} = {value}"),
     }
 }
 

@@ -361,8 +361,8 @@ fn remove(root: &mut toml::Table, path: &str) -> std::result::Result<(), String>
     let (last, head) = parts.split_last().ok_or("the path is empty")?;
     let mut table = Some(root);
     let mut head = head.iter().map(|k| k.get());
-    while let (Some(inside), Some(part)) = (table.take(), head.next()) {
-        table = match inside.get_mut(part) {
+    while let Some(part) = head.next() {
+        table = match table.and_then(|inside| inside.get_mut(part)) {
             Some(Value::Table(t)) => Some(t),
             // The next part is the number of an entry.
             Some(Value::Array(entries)) => {
@@ -375,8 +375,7 @@ fn remove(root: &mut toml::Table, path: &str) -> std::result::Result<(), String>
         };
     }
     let removed = table.and_then(|t| t.remove(last.get()));
-    let missing =
-        "is not in the scene: nothing is removed; name a key that the scene file has, or give a value";
+    let missing = "it is not in the scene; name a key that the scene file has, or give a value";
     removed.map(|_| ()).ok_or_else(|| missing.to_owned())
 }
 

@@ -156,6 +156,17 @@ fn wake(w: &WakeReport) {
         );
         return;
     };
+    if !loudness().verbose {
+        entry!(
+            "wake",
+            "'{}' woke at t = {}: {} of '{}' was {value:.3e}",
+            w.model,
+            si(time, "s"),
+            w.criterion,
+            w.by
+        );
+        return;
+    }
     entry!(
         "wake",
         "'{}' woke at t = {}, step {}: {} of '{}' {value:.4e} at ({place}), limit {:.4e}; energy {before:.4e} J before, a \
@@ -168,7 +179,7 @@ fn wake(w: &WakeReport) {
         w.limit,
         100.0 * jump / before.abs().max(f64::MIN_POSITIVE)
     );
-    if let (true, Some(b), Some(a)) = (loudness().verbose, w.momentum_before, w.momentum_after) {
+    if let (Some(b), Some(a)) = (w.momentum_before, w.momentum_after) {
         let change = |b: [f64; 3], a: [f64; 3]| {
             let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
             let gap = square([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);

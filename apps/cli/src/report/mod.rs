@@ -35,7 +35,7 @@ pub(crate) use run::{comparison, holdings, not_started, plan, proposal};
 use crate::error::Result;
 pub(crate) use progress::Progress;
 use serde::Serialize;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -85,7 +85,26 @@ pub(crate) fn error(text: &str) {
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
-/// Warnings that the user has seen during the run, on the terminal that also shows its report.
+/// Returns whether both streams go to one place, a terminal or a log, where their reader sees them together.
+#[cfg(unix)]
+fn streams_meet() -> bool {
+    use std::os::fd::{AsFd, BorrowedFd};
+    use std::os::unix::fs::MetadataExt;
+    let place = |stream: BorrowedFd<'_>| {
+        let file = std::fs::File::from(stream.try_clone_to_owned().ok()?);
+        file.metadata().ok().map(|m| [m.dev(), m.ino()])
+    };
+    let report = place(std::io::stdout().as_fd());
+    report.is_some() && report == place(std::io::stderr().as_fd())
+}
+
+#[cfg(not(unix))]
+fn streams_meet() -> bool {
+    use std::io::IsTerminal;
+    std::io::stdout().is_terminal() && std::io::stderr().is_terminal()
+}
+
+/// Warnings that the reader of the report has seen during the run.
 static SHOWN: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 /// Prints a warning to the error stream while a run is still going on.
@@ -94,7 +113,7 @@ pub(crate) fn warning(text: &str) {
         return;
     }
     error(&wrapped("warning", text, width()));
-    if std::io::stdout().is_terminal() && std::io::stderr().is_terminal() {
+    if streams_meet() {
         SHOWN
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

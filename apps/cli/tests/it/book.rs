@@ -132,21 +132,20 @@ fn pages_with_commands_say_where_the_command_comes_from() {
 /// Commands of the book that this test leaves out, by their beginnings, and why.
 const LEFT_OUT: [(&str, &str); 8] = [
     ("cargo install", "the program under test is there already"),
+    ("cargo test", "this test is part of it"),
     ("mpirun", "apps/cli/tests/mpirun.rs"),
     ("srun", "needs a cluster"),
     ("apt-get", "the gate installs it"),
     ("python", "the gate's Python tests"),
     ("pip", "the gate's Python tests"),
     ("chromium", "apps/cli/tests/browser.rs"),
-    (
-        "arlequin resume",
-        "a run that was killed: apps/cli/tests/it/resume.rs",
-    ),
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 8] = [
+const LONG: [&str; 9] = [
     "arlequin run examples/scenes/branching.toml",
+    // The page of that run.
+    "arlequin view fork",
     "arlequin verify --fracture",
     "arlequin run examples/scenes/plate-impact.toml",
     "arlequin run examples/sweeps/scenes/plate-impact-fine.toml",
@@ -158,7 +157,8 @@ const LONG: [&str; 8] = [
 
 /// The pages with commands, and the shipped scene that stands for `SCENE.toml` there. The tutorials share one
 /// folder, as for a reader who follows them.
-const PAGES: [(&str, &str, &str); 10] = [
+const PAGES: [(&str, &str, &str); 11] = [
+    ("../README.md", "readme", ""),
     ("branching.md", "branching", ""),
     ("introduction.md", "tutorials", ""),
     ("tutorial/plate.md", "tutorials", ""),
@@ -175,7 +175,7 @@ const PAGES: [(&str, &str, &str); 10] = [
 #[test]
 fn every_page_with_commands_is_run() {
     let root = docs();
-    for page in pages(&root) {
+    for page in pages(&root).into_iter().chain([root.join("../README.md")]) {
         let name = page.strip_prefix(&root).expect("below docs");
         if ["decisions", "design", "measurements"]
             .iter()
@@ -183,14 +183,22 @@ fn every_page_with_commands_is_run() {
         {
             continue;
         }
-        let left_out = |l: &String| LEFT_OUT.iter().any(|(c, _)| l.starts_with(c));
-        let commands = commands(&read(&page));
-        let runs = commands
-            .iter()
-            .any(|l| l.starts_with("arlequin ") && !left_out(l));
+        let runs = commands(&read(&page)).iter().any(|l| l.starts_with("arlequin "));
         let listed = PAGES.iter().any(|(p, ..)| Path::new(p) == name);
         assert!(!runs || listed, "{}", page.display());
     }
+}
+
+/// Every command of these pages takes minutes; a command that does not is run here.
+#[test]
+fn the_pages_of_long_runs_have_no_other_commands() {
+    run_pages("branching", 0);
+    run_pages("plate-impact", 0);
+}
+
+#[test]
+fn the_commands_of_the_readme_run() {
+    run_pages("readme", 3);
 }
 
 #[test]
@@ -200,7 +208,7 @@ fn the_commands_of_the_tutorials_run_and_print_what_the_pages_say() {
 
 #[test]
 fn the_commands_of_the_page_on_scenes_run() {
-    run_pages("scene", 7);
+    run_pages("scene", 8);
 }
 
 #[test]
@@ -242,7 +250,9 @@ fn steps(page: &str) -> Vec<Step> {
                 // Two spaces part a command from its explanation.
                 let command = line.trim().split("  ").next().unwrap_or_default();
                 let command = command.split(" #").next().unwrap_or_default().trim();
-                out.push(Step::Command(command.to_owned()));
+                // The program of the clone is the one under test.
+                let command = command.replacen("cargo run --release -- ", "arlequin ", 1);
+                out.push(Step::Command(command));
             }
         }
     }
@@ -273,6 +283,24 @@ fn reader_folder(folder: &str, scene: &str) -> PathBuf {
     place
 }
 
+/// Leaves a run that was killed after its first checkpoint, which `out` will hold once it is resumed.
+fn leave_killed_run(place: &Path, out: &str) {
+    let output = "\n[output]\ncheckpoint_every = 200\nevery = 1000\nplots = false\n";
+    let scene = crate::common::SMALL.to_owned() + output;
+    std::fs::write(place.join("killed.toml"), scene).expect("writes");
+    let _ = std::fs::remove_dir_all(place.join(out));
+    let arguments = ["run", "killed.toml", "--out", out, "--set", "time.steps=180000"];
+    let mut run = crate::common::command(&arguments);
+    let mut run = run
+        .current_dir(place)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .expect("starts");
+    crate::common::wait_for(&place.join(format!("{out}.unfinished/checkpoint.bin")));
+    run.kill().expect("kills");
+    run.wait().expect("ends");
+}
+
 /// Runs the commands of pages that share a folder, in the order of the book, as they are written, and
 /// compares what they print.
 fn run_pages(folder: &str, least: usize) {
@@ -295,6 +323,9 @@ fn run_pages(folder: &str, least: usize) {
                     let left_out = LEFT_OUT.iter().map(|l| l.0).chain(LONG);
                     let runs = !left_out.into_iter().any(|l| command.starts_with(l));
                     if let Some(arguments) = command.strip_prefix("arlequin ").filter(|_| runs) {
+                        if let Some(out) = arguments.strip_prefix("resume ") {
+                            leave_killed_run(&place, out);
+                        }
                         printed += &run_as_written(&place, page, arguments);
                         count += 1;
                     }

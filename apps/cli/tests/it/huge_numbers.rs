@@ -36,7 +36,7 @@ fn sizes_beyond_any_memory_are_refused_by_name() {
             "model.right.spacing=1e-9",
             "4.2e19 spheres of that diameter",
         ),
-        ("bar-1d.toml", "time.end=1e300", "time.end = 1"),
+        ("bar-1d.toml", "time.end=1e300", "time.end = 1e300:"),
         (
             "bar-1d.toml",
             "time.step.fraction=1e-300",

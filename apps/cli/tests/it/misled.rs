@@ -70,7 +70,11 @@ component = "x"
     assert_message(
         &folder,
         round,
-        &["probe.corner.at", "lies in no part of model 'rod'"],
+        &[
+            "probe.corner.at",
+            "lies in no part of model 'rod'; its nearest node is ",
+            "m away, at [2.00000e0, ",
+        ],
         "mediator",
     );
 }

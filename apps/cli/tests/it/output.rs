@@ -288,11 +288,47 @@ fn the_report_of_a_run_is_short_and_narrow() {
         (shown * unit / peak - 1.0).abs() < 0.01,
         "{shown} {peak}: {printed}"
     );
+    // So is the report of the shipped scene with the most to tell.
+    let waking = crate::common::scene("waking-bar.toml");
+    let printed = succeed(&["run", text(&waking), "--out", text(&out), "--force"]);
+    let lines_of = |start: &str| {
+        printed
+            .lines()
+            .position(|l| l.starts_with(start))
+            .expect("an entry")
+    };
+    let warnings = lines_of("energy") - lines_of("warning");
+    assert!(
+        printed.lines().count() - warnings <= 20 && printed.contains("'grains' woke at t ="),
+        "{printed}"
+    );
     // Everything else is there on request.
     let all = succeed(&["run", "--verbose", text(&scene), "--out", text(&out), "--force"]);
     assert!(all.lines().count() > lines.len() && crate::common::unwrapped(&all).contains("critical step"));
     let help = succeed(&["run", "--help"]);
     assert!(help.lines().all(|l| l.chars().count() <= 100), "{help}");
+}
+
+/// Issue 28: no warning stands twice in a log that has both streams, and the report alone has all of them.
+#[cfg(unix)]
+#[test]
+fn warnings_stand_once_in_a_log_of_both_streams() {
+    let folder = scratch("one-log");
+    let scene = small(&folder);
+    let path = folder.join("log");
+    let log = std::fs::File::create(&path).expect("a log");
+    let mut run = command(&["run", text(&scene), "--out", text(&folder.join("out"))]);
+    let status = run
+        .stdout(log.try_clone().expect("a copy"))
+        .stderr(log)
+        .status()
+        .expect("runs");
+    assert!(status.success());
+    let both = crate::common::unwrapped(&std::fs::read_to_string(&path).expect("the log"));
+    assert_eq!(both.matches("which reflects waves").count(), 1, "{both}");
+    let report = succeed(&["run", text(&scene), "--out", text(&folder.join("again"))]);
+    let report = crate::common::unwrapped(&report);
+    assert_eq!(report.matches("which reflects waves").count(), 1, "{report}");
 }
 
 /// Returns the components of an array of a VTU file.

@@ -241,6 +241,78 @@ fn the_shipped_notched_bar_takes_loose_spheres_with_its_notch() {
     }
 }
 
+/// Issue 28: spheres are packed anew only where the scene asks for another packing.
+#[test]
+fn changes_that_leave_the_packing_reuse_it() {
+    let folder = scratch("packings-reused");
+    let cache = folder.join("cache");
+    let path = folder.join("scene.toml");
+    let base = r#"
+title = "a bar with a zone"
+[body]
+kind = "fem"
+shape.box = { low = [0.0, 0.0, 0.0], high = [12e-3, 3e-3, 3e-3] }
+spacing = 1e-3
+material = { young = 70e9, poisson = 0.2, density = 2500.0 }
+[zone.grains]
+kind = "dem"
+spacing = 0.6e-3
+shape.box = { low = [-1.0, -1.0, -1.0], high = [3e-3, 1.0, 1.0] }
+overlap.width = 3e-3
+dem.protocol = "quench"
+[[support]]
+model = "body"
+where = "x-max"
+[time]
+steps = 2
+"#;
+    let packings = |scene: &str, set: &[&str]| {
+        std::fs::write(&path, scene).unwrap();
+        let set: Vec<&str> = set.iter().flat_map(|s| ["--set", s]).collect();
+        let mut check = crate::common::command(&[&["check", text(&path)], &set[..]].concat());
+        let out = check.env("ARLEQUIN_CACHE", &cache).output().unwrap();
+        let error = String::from_utf8_lossy(&out.stderr);
+        assert!(out.status.success(), "{set:?}: {error}");
+        std::fs::read_dir(&cache).unwrap().count()
+    };
+    assert_eq!(packings(base, &[]), 1);
+    for set in [
+        "title=other",
+        "body.material={ young = 1e9, poisson = 0.25, density = 1000.0 }",
+        "support.0.components=[\"x\", \"y\"]",
+        "time.steps=5",
+        "zone.grains.overlap.width=2.6e-3",
+        "zone.grains.material={ young = 70e9, poisson = 0.2, density = 3000.0 }",
+        "zone.grains.dem.young=2e11",
+        "zone.grains.dem.finite_rotations=true",
+        "zone.grains.dem.notch=[{ plane = { point = [1e-3, 0.0, 0.0], normal = [1.0, 0.0, 0.0], within = { low = [0.0, \
+         0.0, 0.0], high = [2e-3, 1.5e-3, 3e-3] } } }]",
+        "zone.grains.weight.profile=cubic",
+        "zone.grains.mediator.spacing=0.5e-3",
+        "zone.grains.step.ratio=2",
+        "output.every=1",
+    ] {
+        assert_eq!(packings(base, &[set]), 1, "{set}");
+    }
+    let more = "[[effect]]\nfracture = { gc = 8.0 }\n[[effect]]\ncontact = { friction = 0.3 }\n[[load]]\nmodel = \"body\"\n\
+                where = \"x-min\"\ntraction = [1e6, 0.0, 0.0]\ntime = \"step\"\n[[initial]]\nvelocity.uniform = [1.0, 0.0, 0.0]\n\
+                [probe.p]\nmodel = \"grains\"\nwhere = \"x-min\"\ncomponent = \"x\"\n";
+    assert_eq!(packings(&(base.to_owned() + more), &[]), 1);
+    let rest = base.replace("[time]\nsteps = 2", "[static]\nsteps = 1");
+    assert_eq!(packings(&rest, &[]), 1);
+    // The control: each of these is another packing.
+    for (k, set) in [
+        "zone.grains.dem.seed=2",
+        "zone.grains.spacing=0.55e-3",
+        "zone.grains.overlap.width=4e-3",
+    ]
+    .iter()
+    .enumerate()
+    {
+        assert_eq!(packings(base, &[set]), 2 + k, "{set}");
+    }
+}
+
 #[test]
 fn strength_of_beams_over_that_of_their_bar() {
     let flags = [

@@ -113,8 +113,15 @@ fn effects(run: &Coupled<f64>, clock: &PhaseClock) -> Vec<EffectReport> {
 /// Returns warnings about effects that the last state would need but the scene does not list, and the
 /// warnings of the run.
 pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutContact) -> Vec<String> {
-    let text =
-        |(model, f): (String, arlequin::core::effect::Finding)| format!("model '{model}': {}", f.message);
+    let text = |(model, f): (String, arlequin::core::effect::Finding)| {
+        // What to write into the scene.
+        let keys = match f.effect {
+            "finite-rotations" => " (dem.finite_rotations = true)",
+            "contact" if f.message.ends_with("on") => " ([[effect]] contact = {})",
+            _ => "",
+        };
+        format!("model '{model}': {}{keys}", f.message)
+    };
     let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
     let warnings = run.warnings().iter().map(ToString::to_string);
     model_findings.map(text).chain(warnings).collect()

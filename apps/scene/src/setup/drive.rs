@@ -2,6 +2,7 @@
 
 use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
+use super::kinds::kind;
 use super::names::{SOLID, effect_models, headline, model_index, model_indices, parts, with_parts};
 use super::time::time_function;
 use super::{fracture, grains, load, shared, support};
@@ -13,9 +14,13 @@ use arlequin::core::effect::{
 };
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Elastic, PrescribedMotion, Subdomain, invalid};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 use std::path::Path;
+
+/// Angle \[rad\] up to which bodies with small displacements may turn: strains are then off by half a per
+/// cent at most.
+const SMALL_TURN: f64 = 0.1;
 
 /// An effect that is not yet attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
@@ -172,6 +177,47 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     }
 }
 
+/// Returns the models that an entry of `[[initial]]` moves.
+fn moved_models(scene: &LoweredScene, path: &str, i: &Initial) -> Result<BTreeSet<usize>> {
+    let named = model_indices(path, i.models.as_deref(), scene)?;
+    let elsewhere = |name: &str| {
+        let named_models = scene.initial.iter().filter_map(|o| o.models.as_ref());
+        named_models.flatten().any(|n| n == name)
+    };
+    Ok(with_parts(scene, named, elsewhere).into_iter().collect())
+}
+
+/// Warns of spins that turn a model further than its small displacements allow, in a run up to time `last`
+/// \[s\].
+pub(super) fn wide_turns(scene: &LoweredScene, last: f64) -> Vec<String> {
+    let mut out = Vec::new();
+    for (k, i) in scene.initial.iter().enumerate() {
+        let Some(s) = &i.spin else { continue };
+        let turn = Vector3::from(s.rate).norm() * last;
+        if turn <= SMALL_TURN {
+            continue;
+        }
+        for m in moved_models(scene, &format!("initial[{k}]"), i).unwrap_or_default() {
+            let Some((name, table)) = scene.model.iter().nth(m) else {
+                continue;
+            };
+            if kind(table.kind).is_remote() {
+                continue;
+            }
+            let remedy = match kind(table.kind).has_spheres() {
+                true if table.dem.finite_rotations => continue,
+                true => "set dem.finite_rotations = true",
+                false => "take kind = \"dem\" with dem.finite_rotations = true, or a shorter run",
+            };
+            out.push(format!(
+                "model '{name}': initial[{k}].spin turns it by {turn:.2} rad, and its law holds up to {SMALL_TURN} rad: beyond, it \
+                 knows no centrifugal load and its points leave along straight lines; {remedy}"
+            ));
+        }
+    }
+    out
+}
+
 /// Initial displacements and velocities of model `m`.
 pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Vec<f64>; 2]> {
     let layout = body.model.layout();
@@ -179,12 +225,7 @@ pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Ve
     for (k, i) in scene.initial.iter().enumerate() {
         let path = format!("initial[{k}]");
         check_initial(&path, i)?;
-        let named = model_indices(&path, i.models.as_deref(), scene)?;
-        let elsewhere = |name: &str| {
-            let named_models = scene.initial.iter().filter_map(|o| o.models.as_ref());
-            named_models.flatten().any(|n| n == name)
-        };
-        if !with_parts(scene, named, elsewhere).contains(&m) {
+        if !moved_models(scene, &path, i)?.contains(&m) {
             continue;
         }
         if let Some(s) = &i.spin {

@@ -2,6 +2,7 @@
 
 use super::bounds::Bound;
 use super::built::{Built, ModelInfo};
+use super::drive;
 use super::kinds::kind;
 use super::names::effect_models;
 use super::shapes::corners;
@@ -64,6 +65,8 @@ pub(super) fn warnings(scene: &LoweredScene, built: &Built) -> Vec<String> {
         }
     }
     loads(scene, built, &mut out);
+    let last = built.run.time() + built.steps as f64 * built.run.dt();
+    out.extend(drive::wide_turns(scene, last));
     overlaps(scene, built, &mut out);
     untied(scene, built, &mut out);
     out.extend(steps(built));
@@ -317,11 +320,18 @@ fn overlaps(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
             OverlapSource::Given(_) => ACROSS * (1.0 - 1e-6),
         };
         if elements_across < least {
+            // Steps of the zone's border make the layer narrower than `overlap.width`, wherever it ends.
+            let remedy = match scene.zone.get(name).map(|z| z.overlap.width) {
+                Some(asked) => format!(
+                    "zone.{name}.overlap.width = {asked:e} is cut short by the border's corners: give {:.2e}",
+                    asked + ACROSS * spacing - width
+                ),
+                None => format!("make it {:.3e} m wide or wider", ACROSS * spacing),
+            };
             out.push(format!(
                 "interface '{name}': its overlap of {width:.3e} m is {elements_across:.1} elements of '{}' ({spacing:.3e} m) across, \
-                 which reflects waves; make it {:.3e} m wide or wider",
-                i.coarse,
-                ACROSS * spacing
+                 which reflects waves; {remedy}",
+                i.coarse
             ));
         }
     }

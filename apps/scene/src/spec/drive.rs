@@ -161,7 +161,7 @@ pub struct Support {
     /// force.
     #[serde(rename = "where")]
     pub at: Selection,
-    /// The components that are held. Default: all.
+    /// The components that are held or moved. Default: all; needed with `motion`, except on lines.
     #[schemars(length(min = 1))]
     pub components: Option<Vec<Axis>>,
     /// Prescribed displacement `amplitude · time`. Default: fixed.
@@ -174,7 +174,8 @@ pub struct Support {
 #[schemars(transform = schema::exactly_one("amplitude speed"))]
 #[non_exhaustive]
 pub struct Motion {
-    /// Displacement `amplitude · time` \[m\]; exactly one of `amplitude` and `speed`.
+    /// Displacement `amplitude · time` \[m\] of each of the `components`; exactly one of `amplitude` and
+    /// `speed`.
     pub amplitude: Option<f64>,
     /// Speed `speed · time` \[m/s\]: the displacement is its integral.
     pub speed: Option<f64>,

@@ -207,6 +207,61 @@ fn notches_slabs_and_absorbers_are_refused_before_packing() {
     }
 }
 
+/// Issue 28, tried as a user: motions without a direction, spins that nothing follows, overlaps of zones.
+#[test]
+fn what_a_first_scene_gets_wrong_is_named_with_its_remedy() {
+    let motion = "motion = { amplitude = 1e-6 }";
+    for model in ["rock", "bar"] {
+        let pulled = format!("{ROCK}[[support]]\nmodel = \"{model}\"\nwhere = \"y-min\"\n{motion}\n");
+        refused(&pulled, "support[1].components", &["is missing", "[\"x\"]"]);
+    }
+    let warnings = |text: &str, words: &str| {
+        let scene = Scene::from_text(text).unwrap_or_else(|e| panic!("{e}"));
+        let prepared = scene.prepare().unwrap_or_else(|e| panic!("{e}"));
+        let all = prepared.built().warnings.iter();
+        all.filter(|w| w.contains(words)).cloned().collect::<Vec<_>>()
+    };
+    // The disc of a first user span by 3 rad, without any stress and without a word before the end.
+    let disc = |dem: &str, rate: f64| {
+        format!(
+            "[model.disc]\nkind = \"dem\"\nshape.cylinder = {{ from = [0.0, 0.0, 0.0], length = 2e-3, radius = 2e-3 }}\n\
+             spacing = 0.5e-3\ndem.protocol = \"quench\"\n{dem}\nmaterial = {{ young = 70e9, density = 2500.0 }}\n\
+             [[initial]]\nspin = {{ rate = [{rate:?}, 0.0, 0.0] }}\n[time]\nend = 1e-6\n"
+        )
+    };
+    let said = warnings(&disc("", 2e5), "spin turns it by");
+    assert!(
+        said.len() == 1 && said[0].contains("0.20 rad") && said[0].contains("dem.finite_rotations = true"),
+        "{said:?}"
+    );
+    assert_eq!(warnings(&disc("", 5e4), "spin").len(), 0);
+    assert_eq!(
+        warnings(&disc("dem.finite_rotations = true", 2e5), "spin").len(),
+        0
+    );
+    let elements = disc("", 2e5)
+        .replace("\"dem\"", "\"fem\"")
+        .replace("dem.protocol = \"quench\"\n", "");
+    let elements = elements.replace("70e9, ", "70e9, poisson = 0.2, ");
+    assert_eq!(warnings(&elements, "take kind = \"dem\"").len(), 1);
+    // A ball in bricks has a border of steps, which cut the overlap short. The value that is told cures it.
+    let ball = |width: f64| {
+        format!(
+            "[body]\nkind = \"fem\"\nshape.box = {{ low = [-4e-3, -4e-3, -4e-3], high = [4e-3, 4e-3, 0.0] }}\n\
+             spacing = 0.8e-3\nmaterial = {{ young = 70e9, poisson = 0.2, density = 2500.0 }}\n[zone.z]\nkind = \"fem\"\n\
+             spacing = 0.8e-3\nshape.ball = {{ centre = [0.0, 0.0, 0.0], radius = 1e-3 }}\noverlap.width = {width:?}\n\
+             [time]\nsteps = 2\n"
+        )
+    };
+    let said = warnings(&ball(2.4e-3), "reflects waves");
+    let told = said
+        .first()
+        .and_then(|w| w.rsplit("give ").next()?.parse::<f64>().ok());
+    let told = told.unwrap_or_else(|| panic!("no width is told: {said:?}"));
+    assert!((2.5e-3..3.2e-3).contains(&told), "{said:?}");
+    assert_eq!(warnings(&ball(told), "reflects waves"), Vec::<String>::new());
+}
+
 /// A probe of the body that lies in a zone reads what a probe of the zone reads.
 #[test]
 fn probes_of_the_body_find_the_zone_that_they_lie_in() {

@@ -181,11 +181,14 @@ fn a_support_on_a_body_holds_its_zones_and_gravity_pulls_them() {
 
 #[test]
 fn a_zone_has_a_support_of_its_own_where_it_is_given_one() {
-    let tail = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
-                [[support]]\nmodel = \"body\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
+    let tail = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\ncomponents = [\"x\", \"y\", \"z\"]\n\
+                motion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
+                [[support]]\nmodel = \"body\"\nwhere = \"x-max\"\ncomponents = [\"x\", \"y\", \"z\"]\n\
+                motion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n\
                 [[support]]\nmodel = \"body\"\nwhere = \"x-min\"\n[static]\nsteps = 1\n";
     let text = bar(FEM, ZONES[0], tail);
-    let zone_support = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\nmotion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n";
+    let zone_support = "[[support]]\nmodel = \"tip\"\nwhere = \"x-max\"\ncomponents = [\"x\", \"y\", \"z\"]\n\
+                motion = { amplitude = 1e-3, time.ramp = { duration = 0.5 } }\n";
     let probe = "[probe.end]\nmodel = \"tip\"\nwhere = \"x-max\"\ncomponent = \"x\"\n";
     for text in [text.clone(), text.replace(zone_support, "")] {
         let end = run(&(text + probe)).probe("end").expect("a probe").1[0];

@@ -339,8 +339,22 @@ fn paths_are_read_as_messages_and_toml_write_them() {
     assert_says(
         &refused(solids().assign(&["time.ende=".into()])),
         "time.ende",
-        &["is not in the scene"],
+        &["cannot remove time.ende: it is not in the scene"],
     );
+    let changes = [
+        "model.left.spacing=",
+        "model.left.divisions=[6, 1, 1]",
+        "initial[0].spin={ rate = [0.0, 0.0, 0.0] }",
+        "initial[0].velocity=",
+        "title=a bar",
+        "title=",
+    ];
+    let without = solids().assign(&changes.map(String::from)).expect("removes");
+    let spec = without.spec();
+    assert!(
+        spec.model["left"].spacing.is_none() && spec.initial[0].velocity.is_none() && spec.title.is_none()
+    );
+    assert!(without.prepare().is_ok());
 }
 
 /// Errors of the core, and of changes in memory, name their key of the scene.

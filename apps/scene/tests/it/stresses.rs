@@ -362,7 +362,7 @@ fn a_probe_of_stress_on_the_rim_of_particles_is_warned_of() {
         "[model.bar]\nkind = \"dem\"\nspacing = 0.5\ndem.protocol = \"quench\"\n{SOLID}\n\
          shape.box = {{ low = [0.0, 0.0, 0.0], high = [10.0, 4.0, 4.0] }}\n\
          [[support]]\nmodel = \"bar\"\nwhere = \"x-min\"\n\
-         [[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\nmotion = {{ amplitude = 1e-4 }}\n[static]\nsteps = 1\n"
+         [[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponents = [\"x\", \"y\", \"z\"]\nmotion = {{ amplitude = 1e-4 }}\n[static]\nsteps = 1\n"
     );
     text += &probe("rim", "bar", &place("3, 0, 0", "7, 0.35, 4"), "stress", "xx");
     text += &probe("inner", "bar", &place("3, 1, 1", "7, 3, 3"), "stress", "xx");

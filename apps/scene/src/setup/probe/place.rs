@@ -36,18 +36,35 @@ pub(in crate::setup) fn inside(
     // A line has no width, so only directions with an extent are checked.
     let out = (0..3).any(|c| high[c] > low[c] && !(low[c] - slack..=high[c] + slack).contains(&x[c]));
     if out {
-        Err(outside_box(path, model, x, low, high))
+        Err(outside_box(path, model, x, [low, high], None))
     } else {
         Ok(())
     }
 }
 
-fn outside_box(path: &str, model: &str, x: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> Error {
+/// Refuses a point; `nearest` is the node of the model next to it, if the model is built.
+fn outside_box(
+    path: &str,
+    model: &str,
+    x: &Point3<f64>,
+    [low, high]: [[f64; 3]; 2],
+    nearest: Option<&Point3<f64>>,
+) -> Error {
     let within = (0..3).all(|c| (low[c]..=high[c]).contains(&x[c]));
-    let rule = match within {
-        // Such as a point in a hole.
-        true => format!("lies in no part of model '{model}'; move the probe into it, or name another model"),
-        false => format!(
+    let rule = match (within, nearest) {
+        // Such as a point in a hole, or on a circle whose chords are the model's faces.
+        (true, Some(n)) => format!(
+            "lies in no part of model '{model}'; its nearest node is {:.2e} m away, at [{:.5e}, {:.5e}, {:.5e}] m: move the probe \
+             into the model, or name another",
+            (n - x).norm(),
+            n.x,
+            n.y,
+            n.z
+        ),
+        (true, None) => {
+            format!("lies in no part of model '{model}'; move the probe into it, or name another model")
+        }
+        (false, _) => format!(
             "lies outside model '{model}', which reaches from {low:?} to {high:?} m; move the probe into it, or name another \
              model"
         ),
@@ -65,5 +82,8 @@ fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::c
         return core(format!("{path}.at"))(e);
     }
     let [low, high] = corners(body.model.nodes());
-    outside_box(path, model, x, low.into(), high.into())
+    let distance = |n: &Point3<f64>| (n - x).norm_squared();
+    let nearest = body.model.nodes().iter();
+    let nearest = nearest.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    outside_box(path, model, x, [low.into(), high.into()], nearest)
 }
