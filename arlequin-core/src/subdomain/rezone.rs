@@ -43,16 +43,13 @@ impl<T: Real> Subdomain<T> {
 
     /// Refuses a change of weights that the subdomain cannot make.
     pub(crate) fn check_rezoning(&mut self, new: &Weights<T>) -> Result<()> {
-        let why = if self.is_external() {
-            "it is a solver of its own, which keeps its state to itself".to_owned()
-        } else if self.weights.weighting == Weighting::Nodal || new.weighting == Weighting::Nodal {
-            "weights at nodes conserve no energy that could be accounted for; take weights of elements".to_owned()
+        let why = if self.weights.weighting == Weighting::Nodal || new.weighting == Weighting::Nodal {
+            "weights at nodes conserve no energy that could be accounted for; take weights of elements"
         } else if self.is_paired() {
-            "an effect acts between it and another model; leave the effect out".to_owned()
+            "an effect acts between it and another model; leave the effect out"
         } else if self.model.evolving().is_some() {
-            "it changes itself, and sleeping bonds would be judged by a strain that they do not have; switch \
+            "it changes itself, and bonds that sleep would be judged by a strain that they do not have; switch \
              that off"
-                .to_owned()
         } else {
             return Ok(());
         };

@@ -9,9 +9,11 @@
 use crate::field::{Interpolation, ShapeRow, outside};
 use crate::interface::InterfaceSpec;
 use crate::reach::Reach;
+use crate::weight::Weight;
 use crate::{Error, Real, Result, Subdomain};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Gains of mass up to this number of units of round-off are none.
 const DIGITS: f64 = 16.0;
@@ -19,10 +21,12 @@ const DIGITS: f64 = 16.0;
 const FLAT: f64 = 1e-6;
 
 /// Masses and state of a subdomain before the change.
-pub(super) struct Giver<T> {
+pub(super) struct Giver<T: Real> {
     pub(super) inertia: Vec<T>,
     /// Displacements and velocities.
     state: [Vec<T>; 2],
+    /// Share of the model before the change.
+    weight: Arc<dyn Weight<T>>,
     components: usize,
     translations: usize,
 }
@@ -33,6 +37,7 @@ impl<T: Real> Giver<T> {
         Self {
             inertia: s.inertia().to_vec(),
             state: [state.q.clone(), state.v.clone()],
+            weight: s.weights().kinetic.clone(),
             components: layout.components,
             translations: layout.translations(),
         }
@@ -96,6 +101,10 @@ pub(super) fn hand_over<T: Real>(
             let what = "gain weight: no interface ties it to a model that could give it a state";
             return Err(unsupported(&subdomains[k], what.to_owned()));
         }
+        if !fine.is_empty() && !coarse.is_empty() {
+            let what = "gain weight where it is the coarse model of one interface and the fine one of another";
+            return Err(unsupported(&subdomains[k], what.to_owned()));
+        }
         if !fine.is_empty() && model.layout().turns() {
             let what = "gain weight as a coarse model: its rotations have no giver";
             return Err(unsupported(&subdomains[k], what.to_owned()));
@@ -103,8 +112,7 @@ pub(super) fn hand_over<T: Real>(
         if !fine.is_empty() {
             let means = Means::new(k, gains.clone(), subdomains, givers, &fine)?;
             received.push((k, means.states(&subdomains[k], gains)?));
-        }
-        if !coarse.is_empty() {
+        } else {
             received.push((k, from_coarse(k, gains, subdomains, givers, (&coarse, ties))?));
         }
     }
@@ -344,7 +352,7 @@ fn from_coarse<T: Real>(
             // With several givers each counts by its weight there; a weight of zero at the node itself, beside
             // a mean that is not, must not lose the only giver.
             let x = &s.model().nodes()[i];
-            let share = subdomains[p].weights().kinetic.value(x).max(T::epsilon());
+            let share = giver.weight.value(x).max(T::epsilon());
             sums[i].0 += share;
             for (k, (&j, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
                 for (what, u) in vectors(j)?.into_iter().enumerate() {
