@@ -61,14 +61,16 @@ pub type State = [[Vec<f64>; 2]; 2];
 /// Sums over the changes of weights of a run, relative to its initial energy.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Account {
-    /// Energy at the start.
+    /// Invariant at the start.
     pub start: f64,
     /// Sum of the moduli of all works.
     pub moduli: f64,
     /// Sum of the positive works.
     pub gains: f64,
-    /// Largest energy after a change.
+    /// Largest invariant after a change.
     pub top: f64,
+    /// Invariant after the last change.
+    pub end: f64,
     /// Largest change of the momentum by the transfer, relative to the momentum at the start or, if that is
     /// less, to `√(2 E M)`, before the rigid motion restores it.
     pub restored: f64,
@@ -93,7 +95,11 @@ impl Moving {
         let mut ramps = Vec::new();
         for [fine, coarse] in Self::ends(zone) {
             let slab = Arc::new(Slab::between(point(fine), point(coarse))?);
-            ramps.push(Weights::from_weight(Arc::new(Ramp::new(slab, Profile::Cubic, 0.0)?)));
+            ramps.push(Weights::from_weight(Arc::new(Ramp::new(
+                slab,
+                Profile::Cubic,
+                0.0,
+            )?)));
         }
         let chain = Weights::complement_of(&ramps);
         Ok([Weights::complement_of(std::slice::from_ref(&chain)), chain])
@@ -200,7 +206,13 @@ impl Moving {
         let mut state = [bar, chain].map(|s| [s.state().q.clone(), s.state().v.clone()]);
         for (k, other) in [(BAR, chain), (CHAIN, bar)] {
             let own = &run.subdomains()[k];
-            for (i, x) in own.model().nodes().iter().enumerate().filter(|(i, _)| own.is_asleep(*i)) {
+            for (i, x) in own
+                .model()
+                .nodes()
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| own.is_asleep(*i))
+            {
                 let values = other.sample(x)?;
                 (0..2).for_each(|what| state[k][what][i] = values[what].x);
             }
@@ -244,10 +256,7 @@ impl Moving {
         (count, shift, speed): (usize, f64, f64),
         watch: &mut dyn FnMut(&Coupled<f64>, &Rezoned<f64>),
     ) -> Result<Account> {
-        let mut account = Account {
-            start: run.energy(),
-            ..Account::default()
-        };
+        let mut account = Account::default();
         let mut steps = 0;
         for n in 1..=count {
             let due = (n as f64 * shift.abs() / speed / run.dt()).round() as usize;
@@ -263,14 +272,23 @@ impl Moving {
 }
 
 impl Account {
-    /// Adds a change.
+    /// Adds a change that followed a step with the balance drawn.
     pub fn add(&mut self, run: &Coupled<f64>, change: &Rezoned<f64>) {
+        let invariant = run.last_energy().map_or(f64::NAN, |e| e.invariant);
+        if self.count == 0 {
+            self.start = invariant;
+        }
         let mass: f64 = run.subdomains().iter().flat_map(Subdomain::inertia).sum();
-        let momentum = change.motions.iter().map(|m| m[0].norm() * mass).fold(0.0, f64::max);
+        let momentum = change
+            .motions
+            .iter()
+            .map(|m| m[0].norm() * mass)
+            .fold(0.0, f64::max);
         self.restored = self.restored.max(momentum / (2.0 * self.start * mass).sqrt());
         self.moduli += change.work.abs() / self.start;
         self.gains += change.work.max(0.0) / self.start;
-        self.top = self.top.max(run.energy() / self.start);
+        self.end = (invariant + change.work) / self.start;
+        self.top = self.top.max(self.end);
         self.count += 1;
     }
 }

@@ -164,8 +164,13 @@ impl<T: Real> Coupled<T> {
         };
         if !fits {
             let count = from.map_or(0, |r| r.count);
-            let rule = "the weights were others; build the run with the weights and interfaces of the last change";
-            return Err(crate::error::invalid("changes of weights in the snapshot", count, rule));
+            let rule =
+                "the weights were others; build the run with the weights and interfaces of the last change";
+            return Err(crate::error::invalid(
+                "changes of weights in the snapshot",
+                count,
+                rule,
+            ));
         }
         self.conversions = Conversions {
             count: from.map_or(0, |r| r.count),

@@ -30,10 +30,7 @@ impl<T: Real> Subdomain<T> {
             if self.inertia[node * d] > top * T::epsilon() * T::of(ROUND_OFF) {
                 continue;
             }
-            let [moving, turning] = [
-                d * node..d * (node + 1),
-                first + r * node..first + r * (node + 1),
-            ];
+            let [moving, turning] = [d * node..d * (node + 1), first + r * node..first + r * (node + 1)];
             for k in moving.chain(turning) {
                 self.inertia[k] = T::zero();
                 (self.state.v[k], self.state.a[k]) = (T::zero(), T::zero());

@@ -27,7 +27,11 @@ fn moving() -> Result<Outcome> {
         naive.run(steps, &mut Silent)?;
         naive = line.naively_moved(&naive, line.zone.map(|x| x + n as f64 * H))?;
     }
-    out.add_naive("energy over that of the start", naive.energy() / start, 1e3..=f64::INFINITY);
+    out.add_naive(
+        "energy over that of the start",
+        naive.energy() / start,
+        1e3..=f64::INFINITY,
+    );
     let mut run = line.build(&state)?;
     let account = line.carry(&mut run, (CHANGES, H, 1.0), &mut |_, _| ())?;
     out.add("energy over that of the start", run.energy() / start, 0.995..=1.0);

@@ -34,16 +34,18 @@ use transfer::Giver;
 ///
 /// Interfaces are given as at set-up: all of the run, in the same order and under the same names, each with
 /// the mediator of its new overlap. A subdomain that gets new weights gets all of its effects again, too.
-#[derive(Debug)]
 pub struct Rezoning<T: Real> {
     weights: Vec<(usize, Weights<T>)>,
     effects: Vec<(usize, Box<dyn EffectSpec<T>>)>,
     interfaces: Vec<InterfaceSpec<T>>,
 }
 
-impl<T: Real> std::fmt::Debug for dyn EffectSpec<T> {
+impl<T: Real> std::fmt::Debug for Rezoning<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("EffectSpec")
+        f.debug_struct("Rezoning")
+            .field("weights", &self.weights)
+            .field("interfaces", &self.interfaces)
+            .finish_non_exhaustive()
     }
 }
 
@@ -215,9 +217,10 @@ impl<T: Real> Coupled<T> {
         if let Some(s) = self.subdomains.iter().find(|s| s.is_external()) {
             return Err(Error::Unsupported {
                 model: s.model().name().to_owned(),
-                what: "be in a run whose weights change: it is a solver of its own, which keeps its state to \
+                what:
+                    "be in a run whose weights change: it is a solver of its own, which keeps its state to \
                        itself"
-                    .to_owned(),
+                        .to_owned(),
             });
         }
         let count = self.subdomains.len();
@@ -229,14 +232,34 @@ impl<T: Real> Coupled<T> {
             }
             self.subdomains[k].check_rezoning(&change.weights[n].1)?;
         }
-        if let Some((k, _)) = change.effects.iter().find(|e| !subdomains.clone().any(|k| k == e.0)) {
-            return Err(invalid("subdomain of a new effect", k, "must get new weights as well"));
+        if let Some((k, _)) = change
+            .effects
+            .iter()
+            .find(|e| !subdomains.clone().any(|k| k == e.0))
+        {
+            return Err(invalid(
+                "subdomain of a new effect",
+                k,
+                "must get new weights as well",
+            ));
         }
-        let known: Vec<_> = self.interfaces.iter().map(|i| (&i.report.name, i.sides)).collect();
-        let given: Vec<_> = change.interfaces.iter().map(|i| (&i.name, [i.coarse, i.fine])).collect();
+        let known: Vec<_> = self
+            .interfaces
+            .iter()
+            .map(|i| (&i.report.name, i.sides))
+            .collect();
+        let given: Vec<_> = change
+            .interfaces
+            .iter()
+            .map(|i| (&i.name, [i.coarse, i.fine]))
+            .collect();
         if known != given {
             let rule = format!("must be those of the run, {known:?}, each with its new mediator");
-            return Err(invalid("interfaces of new weights", format_args!("{given:?}"), &rule));
+            return Err(invalid(
+                "interfaces of new weights",
+                format_args!("{given:?}"),
+                &rule,
+            ));
         }
         Ok(())
     }
@@ -245,7 +268,11 @@ impl<T: Real> Coupled<T> {
     fn invariant_ahead(&mut self) -> Result<T> {
         let velocities: Vec<_> = self.subdomains.iter().map(|s| s.state().v.clone()).collect();
         self.apply_second_half();
-        let energies: Result<Vec<T>> = self.subdomains.iter_mut().map(Subdomain::invariant_ahead).collect();
+        let energies: Result<Vec<T>> = self
+            .subdomains
+            .iter_mut()
+            .map(Subdomain::invariant_ahead)
+            .collect();
         for (s, v) in self.subdomains.iter_mut().zip(&velocities) {
             s.velocities().copy_from_slice(v);
         }

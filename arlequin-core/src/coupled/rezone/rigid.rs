@@ -60,8 +60,9 @@ impl<T: Real> Coupled<T> {
     pub(super) fn restore_momenta(&mut self, momenta: &[[Vector3<T>; 2]]) -> Vec<[Vector3<T>; 2]> {
         let bodies: Vec<_> = self.ledger.bodies.iter().map(|b| b.frame()).collect();
         let mut motions = Vec::new();
-        for ((members, arms, centre), (target, now)) in
-            bodies.into_iter().zip(momenta.iter().zip(self.momenta_of_bodies()))
+        for ((members, arms, centre), (target, now)) in bodies
+            .into_iter()
+            .zip(momenta.iter().zip(self.momenta_of_bodies()))
         {
             let frame = (arms, &centre);
             let mut inertia = Matrix6::zeros();
@@ -92,7 +93,13 @@ impl<T: Real> Coupled<T> {
 /// Solves for the rigid motion; zero along motions that the body cannot make.
 fn solve<T: Real>(inertia: &Matrix6<T>, missing: &Vector6<T>) -> Vector6<T> {
     // Arms have a unit: scaled to a unit diagonal, translations and rotations compare.
-    let scale = inertia.diagonal().map(|d| if d > T::zero() { T::one() / d.sqrt() } else { T::zero() });
+    let scale = inertia.diagonal().map(|d| {
+        if d > T::zero() {
+            T::one() / d.sqrt()
+        } else {
+            T::zero()
+        }
+    });
     let eigen = Matrix6::from_fn(|i, j| inertia[(i, j)] * scale[i] * scale[j]).symmetric_eigen();
     let load = missing.component_mul(&scale);
     let least = eigen.eigenvalues.amax() * T::of(FREE).max(T::epsilon() * T::of(16.0));

@@ -92,7 +92,10 @@ pub(super) fn hand_over<T: Real>(
             out.dedup();
             out
         };
-        let (fine, coarse) = (partners(&|t| [t.coarse, t.fine]), partners(&|t| [t.fine, t.coarse]));
+        let (fine, coarse) = (
+            partners(&|t| [t.coarse, t.fine]),
+            partners(&|t| [t.fine, t.coarse]),
+        );
         if !gains.contains(&true) {
             continue;
         }
@@ -102,7 +105,8 @@ pub(super) fn hand_over<T: Real>(
             return Err(unsupported(&subdomains[k], what.to_owned()));
         }
         if !fine.is_empty() && !coarse.is_empty() {
-            let what = "gain weight where it is the coarse model of one interface and the fine one of another";
+            let what =
+                "gain weight where it is the coarse model of one interface and the fine one of another";
             return Err(unsupported(&subdomains[k], what.to_owned()));
         }
         if !fine.is_empty() && model.layout().turns() {
@@ -154,7 +158,11 @@ fn mix<T: Real>(s: &mut Subdomain<T>, giver: &Giver<T>, received: &[Received<T>]
             }
             let share = (new - old) / new;
             let mixed = |own: T, given: T| {
-                if old > T::zero() { own + share * (given - own) } else { given }
+                if old > T::zero() {
+                    own + share * (given - own)
+                } else {
+                    given
+                }
             };
             let [q, v] = [0, 1].map(|w| mixed(giver.state[w][k], given[w]));
             s.displacements()[k] = q;
@@ -186,7 +194,11 @@ fn rows<T: Real>(
     let mut out: Vec<_> = (0..nodes.len()).into_par_iter().map(row).collect::<Result<_>>()?;
     let mut reach = None;
     let mut work = [ShapeRow::default(), ShapeRow::default()];
-    for (node, out) in out.iter_mut().enumerate().filter(|(k, row)| row.is_none() && wanted(*k)) {
+    for (node, out) in out
+        .iter_mut()
+        .enumerate()
+        .filter(|(k, row)| row.is_none() && wanted(*k))
+    {
         // Few nodes lie outside, and most fields have none.
         let reach = reach.get_or_insert_with(|| Reach::new(field));
         let mut row = ShapeRow::default();
@@ -282,7 +294,11 @@ impl<T: Real> Means<T> {
             let rows = rows(&**field, &subdomains[p], &has_mass, false)?;
             let points = subdomains[p].model().nodes();
             // One after the other, so that the bits do not depend on the number of threads.
-            for (i, row) in rows.iter().enumerate().filter_map(|(i, r)| Some((i, r.as_ref()?))) {
+            for (i, row) in rows
+                .iter()
+                .enumerate()
+                .filter_map(|(i, r)| Some((i, r.as_ref()?)))
+            {
                 for (&j, &n) in row.nodes.iter().zip(&row.values) {
                     if wanted[j] && n > T::zero() {
                         let x = [0, 1].map(|what| giver.vector(what, i));
@@ -339,7 +355,11 @@ fn from_coarse<T: Real>(
         let used = rows.iter().flatten().flat_map(|r| &r.nodes);
         used.for_each(|j| asleep[*j] = giver.mass(*j) <= T::zero());
         let means = if asleep.contains(&true) {
-            let fine = ties.iter().filter(|t| t.coarse == p).map(|t| t.fine).collect::<Vec<_>>();
+            let fine = ties
+                .iter()
+                .filter(|t| t.coarse == p)
+                .map(|t| t.fine)
+                .collect::<Vec<_>>();
             Some(Means::new(p, asleep.clone(), subdomains, givers, &fine)?)
         } else {
             None
@@ -348,7 +368,11 @@ fn from_coarse<T: Real>(
             Some(means) if asleep[j] => means.0[j].fit().ok_or_else(|| orphan(&subdomains[p], j)),
             _ => Ok([0, 1].map(|what| giver.vector(what, j))),
         };
-        for (i, row) in rows.iter().enumerate().filter_map(|(i, r)| Some((i, r.as_ref()?))) {
+        for (i, row) in rows
+            .iter()
+            .enumerate()
+            .filter_map(|(i, r)| Some((i, r.as_ref()?)))
+        {
             // With several givers each counts by its weight there; a weight of zero at the node itself, beside
             // a mean that is not, must not lose the only giver.
             let x = &s.model().nodes()[i];
@@ -369,7 +393,10 @@ fn from_coarse<T: Real>(
     for node in (0..gains.len()).filter(|k| gains[*k]) {
         let (share, sum) = &sums[node];
         if *share <= T::zero() {
-            return Err(outside(&s.model().nodes()[node], "coarse model of a change of weights"));
+            return Err(outside(
+                &s.model().nodes()[node],
+                "coarse model of a change of weights",
+            ));
         }
         let [q, v, turn, spin] = sum.map(|x| x / *share);
         out.push(Received {
