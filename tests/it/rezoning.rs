@@ -1,6 +1,6 @@
 //! Zones that move on the line: the table of docs/design/moving-zones.md.
 
-use arlequin::core::{Coupled, Error, Rezoning, Silent};
+use arlequin::core::{Coupled, Error, Profile, Rezoning, Silent, Subdomain, TimeStep, Weights};
 use arlequin_studies::moving::{Account, BAR, CHAIN, H, Moving};
 
 /// Prints what a test measures, for the table in the docs.
@@ -35,10 +35,10 @@ fn a_pulse_is_carried_along_eighty_cells() {
     for (half_width, zone, own, limit) in [
         (3.0, [240.0, 360.0], 1, 1e-6),
         (3.0, [240.0, 360.0], 4, 1e-6),
-        (6.0, [200.0, 400.0], 1, 1.5e-8),
-        (6.0, [200.0, 400.0], 4, 1.5e-8),
-        (15.0, [200.0, 400.0], 1, 0.02),
-        (15.0, [200.0, 400.0], 4, 0.02),
+        (6.0, [190.0, 410.0], 1, 1e-8),
+        (6.0, [190.0, 410.0], 4, 1e-8),
+        (15.0, [190.0, 410.0], 1, 5e-3),
+        (15.0, [190.0, 410.0], 4, 5e-3),
     ] {
         let line = Moving {
             zone,
@@ -91,9 +91,9 @@ fn scattered_springs_lose_what_the_bar_cannot_carry() {
 
 #[test]
 fn random_states_never_gain_energy() {
-    for own in [1, 4] {
+    for (own, seeds) in [(1, 4), (4, 1)] {
         for speed in [1.0, 0.3, 0.1, 0.03] {
-            for seed in 1..=4 {
+            for seed in 1..=seeds {
                 let line = Moving {
                     cells: 80,
                     zone: [140.0, 260.0],
@@ -179,11 +179,7 @@ fn there_and_back_and_toggled_zones_stay_bounded() {
         zone: [240.0, 360.0],
         ..Moving::default()
     };
-    let states = [
-        ("pulse", line.pulse(6.0 * H), 1.0),
-        ("random", line.random(), 1.0),
-    ];
-    for (what, state, top) in states {
+    for (what, state) in [("pulse", line.pulse(6.0 * H)), ("random", line.random())] {
         let mut run = line.build(&state).unwrap();
         let out = line.carry(&mut run, (14, H, 1.0), &mut |_, _| ()).unwrap();
         let mut account = Account::default();
@@ -195,7 +191,7 @@ fn there_and_back_and_toggled_zones_stay_bounded() {
         }
         report(&format!("{what} there"), &out, &run);
         report(&format!("{what} and back"), &account, &run);
-        assert!(account.top <= top + 1e-9 && account.gains < 1e-4, "{account:?}");
+        assert!(account.top < 1.0 + 1e-5 && account.gains < 1e-4, "{account:?}");
         // Toggled every ten steps.
         let mut run = line.build(&state).unwrap();
         let mut account = Account::default();
@@ -206,7 +202,7 @@ fn there_and_back_and_toggled_zones_stay_bounded() {
             account.add(&run, &change);
         }
         report(&format!("{what} toggled"), &account, &run);
-        assert!(account.top <= top + 1e-9 && account.gains < 1e-3, "{account:?}");
+        assert!(account.top < 1.0 + 1e-5 && account.gains < 5e-3, "{account:?}");
         assert!(run.drift() < 1e-11, "{:e}", run.drift());
     }
 }
@@ -297,5 +293,46 @@ fn changes_that_do_not_fit_the_run_are_refused_by_name() {
     assert!(
         text.contains("new effects of 'chain'") && text.contains("absorber"),
         "{text}"
+    );
+}
+
+#[test]
+fn a_step_that_new_weights_make_unstable_is_refused() {
+    let line = Moving {
+        cells: 80,
+        ..Moving::default()
+    };
+    let bodies = |zone: [f64; 2]| {
+        let [coarse, fine] = Moving::weights(zone).unwrap();
+        let (bar, chain) = line.models().unwrap();
+        vec![
+            Subdomain::coarse(bar, coarse).with_sleep(),
+            Subdomain::fine(chain, fine).with_sleep(),
+        ]
+    };
+    let ties = || Moving::interfaces(line.zone).unwrap();
+    let step = TimeStep::Seconds(0.9);
+    let mut run = Coupled::new(bodies(line.zone), ties(), step, None).unwrap();
+    let [coarse, fine] = Moving::weights(line.zone).unwrap();
+    run.rezone(
+        Rezoning::new(ties())
+            .with_weights(BAR, coarse)
+            .with_weights(CHAIN, fine),
+    )
+    .unwrap();
+    // Masses that vanish faster than the stiffness.
+    let heavy = Moving::profiled(line.zone, &Profile::Quintic).unwrap();
+    let stiff = Moving::profiled(line.zone, &Profile::Linear).unwrap();
+    let [coarse, fine] = [0, 1].map(|k| Weights {
+        internal: stiff[k].internal.clone(),
+        ..heavy[k].clone()
+    });
+    let change = Rezoning::new(ties())
+        .with_weights(BAR, coarse)
+        .with_weights(CHAIN, fine);
+    let refused = run.rezone(change);
+    assert!(
+        matches!(&refused, Err(Error::UnstableStep { model, .. }) if model == "chain"),
+        "{refused:?}"
     );
 }

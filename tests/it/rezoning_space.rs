@@ -187,7 +187,6 @@ impl Bar {
             out[1] += change.work.max(0.0) / start;
             out[2] = f64::max(out[2], (invariant + change.work) / start);
         }
-        println!("  parts of the last runs: {:?}", run.rezoning_works());
         out
     }
 }
@@ -207,17 +206,17 @@ fn random(seed: u64) -> impl FnMut(&Point3<f64>) -> [Vector3<f64>; 4] {
     }
 }
 
-/// The energy of a spin is that of the second moment of the masses. Lumped masses of meshes that are not nested
-/// have other second moments at every place of the zone; those of a translation are exact.
+/// The energy of a spin is that of the second moment of the masses. Lumped masses of meshes that are not
+/// nested have other second moments at every place of the zone; those of a translation are exact.
 #[test]
 fn rigid_flight_with_spin_does_no_work_in_space() {
     let (flight, spin) = (Vector3::new(0.3, -0.2, 0.5), Vector3::new(0.4, 0.7, -0.3));
     for fine in ALL {
-        for (own, counts, spin, limit) in [
-            (1, NESTED, spin, 1e-11),
-            (4, NESTED, spin, 1e-11),
-            (1, APART, Vector3::zeros(), 1e-11),
-            (1, APART, spin, 1e-4),
+        for (own, counts, spin, changes, limit) in [
+            (1, NESTED, spin, 100, 1e-11),
+            (4, NESTED, spin, 14, 1e-11),
+            (1, APART, Vector3::zeros(), 14, 1e-11),
+            (1, APART, spin, 14, 1e-4),
         ] {
             let bar = Bar {
                 counts,
@@ -230,7 +229,7 @@ fn rigid_flight_with_spin_does_no_work_in_space() {
             let mut run = bar.build(place(0), &mut rigid);
             let start = run.energy();
             let mut most = [0.0f64; 5];
-            for n in 1..=100 {
+            for n in 1..=changes {
                 run.run(3, &mut Silent).unwrap();
                 let c = bar.rezone(&mut run, place(n)).unwrap();
                 let parts = [c.work, c.potential, c.kinetic, c.rigid, c.start];
@@ -284,7 +283,11 @@ fn uniform_strain_stays_what_it_is_in_space() {
 fn random_states_and_pulses_gain_nothing_in_space() {
     for fine in ALL {
         for own in [1, 4] {
-            let bar = Bar::new(fine, own);
+            // With own steps, the share of the start in `W` grows as the square of the coarse step.
+            let bar = Bar {
+                step: if own == 1 { 0.5 } else { 0.3 },
+                ..Bar::new(fine, own)
+            };
             let mut run = bar.build(place(0), &mut random(3));
             let [moduli, gains, top] = bar.carry(&mut run, 42, 6);
             println!(

@@ -92,12 +92,20 @@ impl Moving {
     /// # Errors
     /// Errors of the core.
     pub fn weights(zone: [f64; 2]) -> Result<[Weights<f64>; 2]> {
+        Self::profiled(zone, &Profile::Cubic)
+    }
+
+    /// Returns the weights of bar and chain for a zone, with a profile of the ramps.
+    ///
+    /// # Errors
+    /// Errors of the core.
+    pub fn profiled(zone: [f64; 2], profile: &Profile<f64>) -> Result<[Weights<f64>; 2]> {
         let mut ramps = Vec::new();
         for [fine, coarse] in Self::ends(zone) {
             let slab = Arc::new(Slab::between(point(fine), point(coarse))?);
             ramps.push(Weights::from_weight(Arc::new(Ramp::new(
                 slab,
-                Profile::Cubic,
+                profile.clone(),
                 0.0,
             )?)));
         }
@@ -152,17 +160,25 @@ impl Moving {
         raw.iter().map(|c| c / mean).collect()
     }
 
+    /// Returns bar and chain.
+    ///
+    /// # Errors
+    /// Errors of the models.
+    pub fn models(&self) -> Result<(FemModel<f64>, Chain)> {
+        let mesh = generate::bar(0.0, H * self.cells as f64, self.cells, 1.0)?;
+        let bar = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0)?)?;
+        let compliances = self.compliances();
+        let chain = Chain::new("chain", 0.0, 1.0, compliances.len(), 1.0, 1.0)?;
+        Ok((bar, chain.with_stiffness(|b| 1.0 / compliances[b])))
+    }
+
     /// Builds bar and chain with the zone of the start.
     ///
     /// # Errors
     /// Errors of the core and of the models.
     pub fn build(&self, state: &State) -> Result<Coupled<f64>> {
         let [coarse, fine] = Self::weights(self.zone)?;
-        let mesh = generate::bar(0.0, H * self.cells as f64, self.cells, 1.0)?;
-        let bar = FemModel::new("bar", mesh, Elastic::new(1.0, 0.0, 1.0)?)?;
-        let compliances = self.compliances();
-        let chain = Chain::new("chain", 0.0, 1.0, compliances.len(), 1.0, 1.0)?
-            .with_stiffness(|b| 1.0 / compliances[b]);
+        let (bar, chain) = self.models()?;
         let [[bar_q, bar_v], [chain_q, chain_v]] = state.clone();
         let bar = Subdomain::coarse(bar, coarse)
             .with_sleep()
@@ -174,7 +190,8 @@ impl Moving {
         for e in self.effects(self.zone)? {
             chain = chain.with_effect(e);
         }
-        let step = TimeStep::Seconds(self.step * self.own as f64);
+        // A check of the step at each change would take most of the time.
+        let step = TimeStep::Unchecked(self.step * self.own as f64);
         let guard = Guard {
             interval: 1,
             growth: 0.05,

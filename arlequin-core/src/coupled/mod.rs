@@ -87,6 +87,8 @@ pub struct Coupled<T: Real> {
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
+    /// True if steps are compared with critical steps ([`TimeStep::Unchecked`]).
+    is_checked: bool,
     /// Changes of weights so far.
     conversions: rezone::Conversions<T>,
     /// Warnings so far; an observer has received the first `warnings_sent` of them.

@@ -226,6 +226,7 @@ impl<T: Real> Coupled<T> {
             rounded: T::zero(),
             partition,
             work: Vec::new(),
+            is_checked: !matches!(step, TimeStep::Unchecked(_)),
             conversions: rezone::Conversions::none(),
             warnings: Vec::new(),
             warnings_sent: 0,

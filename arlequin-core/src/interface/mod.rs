@@ -285,18 +285,6 @@ impl<T: Real> Draft<T> {
         })
     }
 
-    /// Returns the node of one side, among those with `is_wanted`, on which a multiplier acts most, and that
-    /// entry relative to the measure of the multiplier; zero if there is none.
-    pub(crate) fn largest_share(&self, side: usize, is_wanted: &dyn Fn(usize) -> bool) -> (usize, T) {
-        let Coupling { matrix, shared } = &self.coupling[side];
-        let split = self.interface.components / shared;
-        let wanted = matrix.iter().filter(|(_, (_, j))| is_wanted(j / split));
-        wanted.fold((0, T::zero()), |most, (b, (i, j))| {
-            let share = b.abs() / self.interface.measures[i / split].max(T::of(f64::MIN_POSITIVE));
-            if share > most.1 { (j / split, share) } else { most }
-        })
-    }
-
     /// Makes an interface that is solved for on its own. `inverse`: inverse inertias of the two sides.
     pub(crate) fn alone(self, spec: &InterfaceSpec<T>, inverse: [&[T]; 2]) -> Result<Interface<T>> {
         let mut out = self.interface;

@@ -118,8 +118,8 @@ impl<T: Real> Subdomain<T> {
         Ok(out)
     }
 
-    /// Computes the inverse inertia, zero where motion is prescribed and where nodes sleep; refuses other nodes
-    /// without mass.
+    /// Computes the inverse inertia, zero where motion is prescribed and where nodes sleep; refuses other
+    /// nodes without mass.
     fn invert(&mut self, prescribed: &[bool]) -> Result<()> {
         let layout = self.model.layout();
         let top = self.inertia[..layout.translations()]

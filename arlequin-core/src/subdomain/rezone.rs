@@ -22,7 +22,8 @@ impl<T: Real> Subdomain<T> {
         self.inertia[node * self.model.layout().components] <= T::zero()
     }
 
-    /// Stops nodes whose mass is round-off of the largest mass `top`, and takes the remainder of their inertia.
+    /// Stops nodes whose mass is round-off of the largest mass `top`, and takes the remainder of their
+    /// inertia.
     pub(super) fn put_to_sleep(&mut self, top: T) {
         let layout = self.model.layout();
         let (d, r, first) = (layout.components, layout.rotations, layout.translations());
@@ -56,8 +57,8 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories. The
-    /// state stays; forces are those of the old weights until the next start.
+    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories.
+    /// The state stays; forces are those of the old weights until the next start.
     pub(crate) fn reweigh(
         &mut self,
         weights: Weights<T>,

@@ -1,7 +1,7 @@
 //! Rigid motions that restore the momenta of bodies after their masses have changed hands.
 //!
-//! With the six unit motions `φ` of the free unknowns of a body (three translations, three rotations about its
-//! centre), the correction `δv = Σ c_a φ_a` follows from the missing momenta `p`:
+//! With the six unit motions `φ` of the free unknowns of a body (three translations, three rotations about
+//! its centre), the correction `δv = Σ c_a φ_a` follows from the missing momenta `p`:
 //!
 //! ```text
 //! Σ_b (φ_aᵀ M φ_b) c_b = p_a

@@ -2,9 +2,9 @@
 //!
 //! `T` is the coarse field at a fine node; for rotations and spins half the curl of it. `Π` fits, at a coarse
 //! node `J`, a linear function to the fine nodes `i` with the weights `m_i N_J(x_i)`, and takes its value at
-//! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie in
-//! the middle of the hat it is the mean by the hats, which creates no kinetic energy. A coarse node that sleeps
-//! beside a gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
+//! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie
+//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. A coarse node that
+//! sleeps beside a gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
 
 use crate::field::{Interpolation, ShapeRow, outside};
 use crate::interface::InterfaceSpec;
@@ -99,26 +99,24 @@ pub(super) fn hand_over<T: Real>(
         if !gains.contains(&true) {
             continue;
         }
-        let model = &subdomains[k].model();
-        if fine.is_empty() && coarse.is_empty() {
-            let what = "gain weight: no interface ties it to a model that could give it a state";
-            return Err(unsupported(&subdomains[k], what.to_owned()));
+        let turns = subdomains[k].model().layout().turns();
+        let why = match (fine.is_empty(), coarse.is_empty()) {
+            (true, true) => "no interface ties it to a model that could give it a state",
+            (false, false) => "it is the coarse model of one interface and the fine one of another",
+            (false, true) if turns => {
+                "it is a coarse model whose nodes turn, and nothing gives them rotations"
+            }
+            _ => "",
+        };
+        if !why.is_empty() {
+            return Err(unsupported(&subdomains[k], format!("gain weight: {why}")));
         }
-        if !fine.is_empty() && !coarse.is_empty() {
-            let what =
-                "gain weight where it is the coarse model of one interface and the fine one of another";
-            return Err(unsupported(&subdomains[k], what.to_owned()));
-        }
-        if !fine.is_empty() && model.layout().turns() {
-            let what = "gain weight as a coarse model: its rotations have no giver";
-            return Err(unsupported(&subdomains[k], what.to_owned()));
-        }
-        if !fine.is_empty() {
-            let means = Means::new(k, gains.clone(), subdomains, givers, &fine)?;
-            received.push((k, means.states(&subdomains[k], gains)?));
+        let states = if fine.is_empty() {
+            from_coarse(k, gains, subdomains, givers, (&coarse, ties))?
         } else {
-            received.push((k, from_coarse(k, gains, subdomains, givers, (&coarse, ties))?));
-        }
+            Means::new(k, gains, subdomains, givers, &fine)?.states(&subdomains[k], gains)?
+        };
+        received.push((k, states));
     }
     for (k, states) in received {
         mix(&mut subdomains[k], &givers[k], &states);
@@ -171,8 +169,8 @@ fn mix<T: Real>(s: &mut Subdomain<T>, giver: &Giver<T>, received: &[Received<T>]
     }
 }
 
-/// Returns the shape functions of a field at nodes of another model, one row for each node of which `wanted` is
-/// true; continued beyond the surface of the field. `None` where the field does not reach.
+/// Returns the shape functions of a field at nodes of another model, one row for each node of which `wanted`
+/// is true; continued beyond the surface of the field. `None` where the field does not reach.
 fn rows<T: Real>(
     field: &dyn Interpolation<T>,
     of: &Subdomain<T>,
@@ -281,7 +279,7 @@ impl<T: Real> Means<T> {
     /// Sums over the fine nodes with mass of all `partners`, for coarse nodes with `wanted`.
     fn new(
         coarse: usize,
-        wanted: Vec<bool>,
+        wanted: &[bool],
         subdomains: &[Subdomain<T>],
         givers: &[Giver<T>],
         partners: &[usize],
@@ -336,6 +334,37 @@ fn orphan<T: Real>(s: &Subdomain<T>, node: usize) -> Error {
     unsupported(s, what)
 }
 
+/// Displacements and velocities of the nodes of a coarse model that rows use; zero elsewhere. A node that
+/// sleeps has its linear mean.
+fn coarse_state<T: Real>(
+    coarse: usize,
+    rows: &[Option<ShapeRow<T>>],
+    subdomains: &[Subdomain<T>],
+    givers: &[Giver<T>],
+    ties: &[InterfaceSpec<T>],
+) -> Result<Vec<[Vector3<T>; 2]>> {
+    let giver = &givers[coarse];
+    let mut out = vec![[Vector3::zeros(); 2]; subdomains[coarse].model().nodes().len()];
+    let mut asleep = vec![false; out.len()];
+    for &j in rows.iter().flatten().flat_map(|r| &r.nodes) {
+        asleep[j] = giver.mass(j) <= T::zero();
+        out[j] = [0, 1].map(|what| giver.vector(what, j));
+    }
+    if asleep.contains(&true) {
+        let fine: Vec<_> = ties
+            .iter()
+            .filter(|t| t.coarse == coarse)
+            .map(|t| t.fine)
+            .collect();
+        for r in
+            Means::new(coarse, &asleep, subdomains, givers, &fine)?.states(&subdomains[coarse], &asleep)?
+        {
+            out[r.node] = r.vectors;
+        }
+    }
+    Ok(out)
+}
+
 /// Returns the states that the gaining nodes of a fine model receive from coarse fields.
 fn from_coarse<T: Real>(
     fine: usize,
@@ -350,40 +379,23 @@ fn from_coarse<T: Real>(
     let mut sums = vec![(T::zero(), [Vector3::zeros(); 4]); gains.len()];
     for &p in partners {
         let rows = rows(&**subdomains[p].field(), s, &|node| gains[node], turns)?;
-        let giver = &givers[p];
-        let mut asleep = vec![false; subdomains[p].model().nodes().len()];
-        let used = rows.iter().flatten().flat_map(|r| &r.nodes);
-        used.for_each(|j| asleep[*j] = giver.mass(*j) <= T::zero());
-        let means = if asleep.contains(&true) {
-            let fine = ties
-                .iter()
-                .filter(|t| t.coarse == p)
-                .map(|t| t.fine)
-                .collect::<Vec<_>>();
-            Some(Means::new(p, asleep.clone(), subdomains, givers, &fine)?)
-        } else {
-            None
-        };
-        let vectors = |j: usize| match &means {
-            Some(means) if asleep[j] => means.0[j].fit().ok_or_else(|| orphan(&subdomains[p], j)),
-            _ => Ok([0, 1].map(|what| giver.vector(what, j))),
-        };
+        let vectors = coarse_state(p, &rows, subdomains, givers, ties)?;
         for (i, row) in rows
             .iter()
             .enumerate()
             .filter_map(|(i, r)| Some((i, r.as_ref()?)))
         {
-            // With several givers each counts by its weight there; a weight of zero at the node itself, beside
-            // a mean that is not, must not lose the only giver.
-            let x = &s.model().nodes()[i];
-            let share = giver.weight.value(x).max(T::epsilon());
-            sums[i].0 += share;
+            // With several givers each counts by its weight there. A weight of zero at the node itself,
+            // beside a mean that is not, must not lose the only giver.
+            let share = givers[p].weight.value(&s.model().nodes()[i]).max(T::epsilon());
+            let (total, sum) = &mut sums[i];
+            *total += share;
             for (k, (&j, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
-                for (what, u) in vectors(j)?.into_iter().enumerate() {
-                    sums[i].1[what] += u * (n * share);
+                for (what, u) in vectors[j].iter().enumerate() {
+                    sum[what] += u * (n * share);
                     if turns {
                         // Half the curl: ½ ∇N × u.
-                        sums[i].1[2 + what] += row.gradients[k].cross(&u) * (share * T::of(0.5));
+                        sum[2 + what] += row.gradients[k].cross(u) * (share * T::of(0.5));
                     }
                 }
             }
@@ -393,10 +405,8 @@ fn from_coarse<T: Real>(
     for node in (0..gains.len()).filter(|k| gains[*k]) {
         let (share, sum) = &sums[node];
         if *share <= T::zero() {
-            return Err(outside(
-                &s.model().nodes()[node],
-                "coarse model of a change of weights",
-            ));
+            let x = &s.model().nodes()[node];
+            return Err(outside(x, "coarse model of a change of weights"));
         }
         let [q, v, turn, spin] = sum.map(|x| x / *share);
         out.push(Received {
