@@ -206,8 +206,8 @@ fn random(seed: u64) -> impl FnMut(&Point3<f64>) -> [Vector3<f64>; 4] {
     }
 }
 
-/// The energy of a spin is that of the second moment of the masses. Lumped masses of meshes that are not
-/// nested have other second moments at every place of the zone; those of a translation are exact.
+/// Momentum and energy of a rigid motion know the first and second moments of the masses. Lumped masses of
+/// nested meshes have the same moments wherever the zone is; others have not, and turn the body a little.
 #[test]
 fn rigid_flight_with_spin_does_no_work_in_space() {
     let (flight, spin) = (Vector3::new(0.3, -0.2, 0.5), Vector3::new(0.4, 0.7, -0.3));
@@ -215,7 +215,7 @@ fn rigid_flight_with_spin_does_no_work_in_space() {
         for (own, counts, spin, changes, limit) in [
             (1, NESTED, spin, 100, 1e-11),
             (4, NESTED, spin, 14, 1e-11),
-            (1, APART, Vector3::zeros(), 14, 1e-11),
+            (1, APART, Vector3::zeros(), 14, 1e-9),
             (1, APART, spin, 14, 1e-4),
         ] {
             let bar = Bar {
