@@ -4,7 +4,7 @@
 
 mod weights;
 
-pub use weights::{WeightDefect, weight_means, weights};
+pub use weights::{WeightDefect, reweighing, weight_means, weights};
 
 use crate::coupled::Coupled;
 use crate::effect::{Instant, PairEffect};

@@ -96,7 +96,9 @@ mod weight;
 
 pub use coupled::snapshot;
 pub use coupled::statics::Equilibrium;
-pub use coupled::{Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Settled, TimeStep};
+pub use coupled::{
+    Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Rezoned, Rezoning, Settled, TimeStep,
+};
 use coupled::{ledger, momentum, observer, warning};
 pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
 pub use error::{Error, ModelError, Result, Share, invalid, not_negative};

@@ -88,6 +88,7 @@ hard! {
     contact_of_sizes: "contact of radius ratio 1:20",
     supersonic: "an indenter at supersonic speed",
     tumbling: "a free body tumbles",
+    moving_zone: "a zone that moves with a pulse",
 }
 
 #[test]

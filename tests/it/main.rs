@@ -23,6 +23,8 @@ mod partition_guards;
 mod partition_packings;
 mod properties;
 mod restart;
+mod rezoning;
+mod rezoning_space;
 mod solid;
 mod support;
 mod theory;

@@ -9,6 +9,7 @@ pub mod claims;
 pub mod crack;
 pub mod hard;
 pub mod line;
+pub mod moving;
 pub mod solid;
 pub mod strain;
 pub mod waves;

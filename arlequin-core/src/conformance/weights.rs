@@ -64,6 +64,40 @@ pub fn weights<T: Real>(
     })
 }
 
+/// Checks that the weights of a model may change in the middle of a run ([`crate::Coupled::rezone`]), at
+/// displacements of the given amplitude \[m\]: after a change to `1 − w` and back, forces under `w` are what
+/// they were, and nodes where `w` leaves no mass get no force. Returns the largest deviation relative to the
+/// largest force; zero for a correct model. `w` should be zero in a part of the model.
+///
+/// # Errors
+/// Errors of the model.
+pub fn reweighing<T: Real>(model: &mut dyn Model<T>, w: &Arc<dyn Weight<T>>, amplitude: T) -> Result<T> {
+    let layout = model.layout();
+    let n = layout.dofs();
+    let q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
+    let mut forces = [vec![T::zero(); n], vec![T::zero(); n]];
+    model.set_internal_weight(&**w)?;
+    for f in &mut forces {
+        model.add_internal_forces(&q, f)?;
+        // A run saves what a model remembers, such as orientations, and restores it.
+        let memory = model.save();
+        model.set_internal_weight(&Complement(vec![w.clone()]))?;
+        model.restore(&memory)?;
+        model.set_internal_weight(&**w)?;
+        model.restore(&memory)?;
+    }
+    let mut inertia = vec![T::zero(); n];
+    model.lumped_inertia(&**w, &mut inertia)?;
+    let largest = |x: &mut dyn Iterator<Item = T>| x.fold(T::zero(), |m, x| m.max(x.abs()));
+    let top_mass = largest(&mut inertia[..layout.translations()].iter().copied());
+    let no_mass = top_mass * T::epsilon() * T::of(4.0);
+    let [first, second] = &forces;
+    let changed = largest(&mut first.iter().zip(second).map(|(a, b)| *a - *b));
+    let asleep = (0..n).filter(|i| inertia[layout.node_of(*i) * layout.components] <= no_mass);
+    let pushed = largest(&mut asleep.map(|i| first[i]));
+    Ok(changed.max(pushed) / largest(&mut first.iter().copied()))
+}
+
 /// Largest difference between the mean of a weight over a cell and the mean of its values by quadrature on 64
 /// parts of the cell (four of a line). Zero up to round-off for a weight that is a polynomial of at most
 /// fifth degree on each part.

@@ -84,7 +84,8 @@ impl<T: Real> Coupled<T> {
             .flat_map(Subdomain::works)
             .chain(self.pairs.iter().map(|p| p.line.work()));
         // Supports and the constraint do work as well: without them the balance would not close.
-        let mut all_works = works.chain([self.ledger.supports, self.ledger.constraint]);
+        let rezoning = self.conversions.work().unwrap_or_else(T::zero);
+        let mut all_works = works.chain([self.ledger.supports, self.ledger.constraint, rezoning]);
         all_works
             .by_ref()
             .fold((T::zero(), T::zero()), |(s, a), w| (s + w, a + w.abs()))

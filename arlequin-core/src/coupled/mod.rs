@@ -25,6 +25,7 @@ mod partition;
 mod portions;
 mod reaction;
 mod reflection;
+mod rezone;
 mod settle;
 mod setup;
 pub mod snapshot;
@@ -35,6 +36,7 @@ pub(crate) mod warning;
 
 pub use crate::subdomain::Partition;
 pub use partition::PartitionReport;
+pub use rezone::{Rezoned, Rezoning};
 pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
@@ -85,6 +87,10 @@ pub struct Coupled<T: Real> {
     pub(crate) rounded: T,
     pub(crate) partition: Vec<PartitionReport>,
     pub(crate) work: Vec<T>,
+    /// True if steps are compared with critical steps ([`TimeStep::Unchecked`]).
+    is_checked: bool,
+    /// Changes of weights so far.
+    conversions: rezone::Conversions<T>,
     /// Warnings so far; an observer has received the first `warnings_sent` of them.
     warnings: Vec<Warning>,
     warnings_sent: usize,
@@ -201,6 +207,10 @@ impl<T: Real> Coupled<T> {
                 name: "constraint".into(),
                 work: self.ledger.constraint,
             });
+        }
+        if let Some(work) = self.conversions.work() {
+            let name = "rezoning".into();
+            lines.push(WorkLine { name, work });
         }
         lines
     }

@@ -134,6 +134,16 @@ impl<T: Real> Body<T> {
         members.map(sum).fold(Sums::zero(), |a, b| a + b)
     }
 
+    /// Returns linear and angular momentum.
+    pub(super) fn momenta(&self, subdomains: &[Subdomain<T>]) -> [Vector3<T>; 2] {
+        self.sums(subdomains).momenta
+    }
+
+    /// Returns the members, the positions of the arms and the centre.
+    pub(super) fn frame(&self) -> (Vec<usize>, Arms, Vector3<T>) {
+        (self.members.clone(), self.arms, self.centre)
+    }
+
     /// Returns `Σ m |u|` and `Σ |y| m |u|`, from which the round-off of the momenta is estimated.
     fn moved(&self, subdomains: &[Subdomain<T>]) -> [T; 2] {
         let members = self.members.iter();

@@ -2,7 +2,7 @@
 
 use super::apart::Overlap;
 use super::own_steps::{Held, Lockstep};
-use super::{Coupled, Ledger, motions, one_sided, pace, pairs, partition, portions, tie};
+use super::{Coupled, Ledger, motions, one_sided, pace, pairs, partition, portions, rezone, tie};
 use crate::effect::PairSpec;
 use crate::error::invalid;
 use crate::interface::joint::{self, Joint};
@@ -215,6 +215,8 @@ impl<T: Real> Coupled<T> {
             rounded: T::zero(),
             partition,
             work: Vec::new(),
+            is_checked: !matches!(step, TimeStep::Unchecked(_)),
+            conversions: rezone::Conversions::none(),
             warnings: Vec::new(),
             warnings_sent: 0,
             factored: None,
@@ -289,11 +291,11 @@ fn check_motions<T: Real>(
 }
 
 /// Interfaces, and the joints that solve several of them as one system.
-type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
+pub(super) type Tied<T> = (Vec<Interface<T>>, Vec<Joint<T>>);
 
 /// Builds the interfaces, each with the findings of the partition check, and joins interfaces that share
 /// nodes.
-fn interfaces_of<T: Real>(
+pub(super) fn interfaces_of<T: Real>(
     specs: &[InterfaceSpec<T>],
     findings: Vec<Result<partition::TieFindings>>,
     subdomains: &[Subdomain<T>],
@@ -307,6 +309,7 @@ fn interfaces_of<T: Real>(
         ];
         announce(SetupPhase::Junction(k));
         let mut draft = Draft::new(spec, sides)?;
+        tie::refuse_asleep(&draft, subdomains)?;
         // Errors of the interface itself come before those of its overlap.
         let findings = findings?;
         draft.interface.report.outside = findings.outside;

@@ -4,6 +4,7 @@
 //! reflection is still to come; it is computed again from the impulses, with the same bits.
 
 use super::Coupled;
+use super::rezone::Conversions;
 use super::warning::Warning;
 use crate::record::same;
 use crate::scalar::check_finite;
@@ -45,6 +46,21 @@ pub struct Snapshot<T> {
     pub pairs: Vec<PairSnapshot<T>>,
     /// Warnings so far.
     pub warnings: Vec<Warning>,
+    /// Changes of weights so far; `None` if there were none.
+    pub rezoning: Option<RezoningSnapshot<T>>,
+}
+
+/// Saved account of changes of weights. The weights themselves are not saved: a snapshot is restored into a
+/// run that was built with the weights and interfaces of the last change.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct RezoningSnapshot<T> {
+    /// Number of changes.
+    pub count: usize,
+    /// Works \[J\]: potential, kinetic, rigid motion, consistent start.
+    pub works: [T; 4],
+    /// Fingerprint of the weighted inertias, by which other weights are recognised.
+    pub weights: u64,
 }
 
 impl<T: Real> Coupled<T> {
@@ -76,6 +92,11 @@ impl<T: Real> Coupled<T> {
                 })
                 .collect(),
             warnings: self.warnings.clone(),
+            rezoning: (self.conversions.count > 0).then(|| RezoningSnapshot {
+                count: self.conversions.count,
+                works: self.conversions.parts,
+                weights: self.weights_fingerprint(),
+            }),
         })
     }
 
@@ -96,6 +117,7 @@ impl<T: Real> Coupled<T> {
             let saved = format_args!("{:?}", from.own_steps);
             return Err(crate::error::invalid("own steps of the snapshot", saved, &rule));
         }
+        self.restore_rezoning(from.rezoning.as_ref())?;
         same(
             "subdomains of the snapshot",
             self.subdomains.len(),
@@ -131,6 +153,29 @@ impl<T: Real> Coupled<T> {
         self.start_loss = from.start_loss;
         self.warnings.clone_from(&from.warnings);
         self.warnings_sent = self.warnings.len();
+        Ok(())
+    }
+
+    /// Takes over the account of changes of weights; refuses a snapshot of other weights.
+    fn restore_rezoning(&mut self, from: Option<&RezoningSnapshot<T>>) -> Result<()> {
+        let fits = match from {
+            Some(r) => r.weights == self.weights_fingerprint(),
+            None => self.conversions.count == 0,
+        };
+        if !fits {
+            let count = from.map_or(0, |r| r.count);
+            let rule =
+                "the weights were others; build the run with the weights and interfaces of the last change";
+            return Err(crate::error::invalid(
+                "changes of weights in the snapshot",
+                count,
+                rule,
+            ));
+        }
+        self.conversions = Conversions {
+            count: from.map_or(0, |r| r.count),
+            parts: from.map_or([T::zero(); 4], |r| r.works),
+        };
         Ok(())
     }
 }

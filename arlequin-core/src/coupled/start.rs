@@ -9,12 +9,35 @@ use crate::{Error, Real, Result};
 /// displacement: the core cannot change the solver's displacements.
 const EXTERNAL_JUMP: f64 = 1e-6;
 
+/// How large displacement jumps are treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Jumps {
+    /// Refused: an initial state of the user that contradicts itself.
+    Refused,
+    /// Removed like small ones.
+    Removed,
+}
+
 impl<T: Real> Coupled<T> {
     /// Projects `u_0` and `v_0` on the constraint once, weighted by the inertia, and computes the first half
     /// reflection, that of a constant acceleration, `δ_0 = −ΔT/2 P a_0`. Without the projection a
     /// displacement jump would stay for ever, as the constraint is on velocities. Without `δ_0` multipliers
     /// would change their sign in every step.
     pub(super) fn start(&mut self) -> Result<()> {
+        self.start_positions(Jumps::Refused)?;
+        self.start_forces()?;
+        let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        self.reflect_start()?;
+        self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
+        // Momenta count from the projected velocities.
+        self.find_bodies();
+        self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
+        self.rounded = self.round_off() * T::of(ROUND_OFF);
+        self.check_start()
+    }
+
+    /// Sets prescribed values and removes the displacement jumps.
+    pub(super) fn start_positions(&mut self, large: Jumps) -> Result<()> {
         for s in &mut self.subdomains {
             // Prescribed values come first: projections leave them as they are.
             s.set_prescribed(self.time);
@@ -25,8 +48,11 @@ impl<T: Real> Coupled<T> {
                 .resize(self.work.len().max(i.multipliers().len()), T::zero());
         }
         self.joints.iter_mut().for_each(|j| j.pace(self.dt));
-        // Forces are evaluated at displacements without jumps.
-        self.close_jumps()?;
+        self.close_jumps(large)
+    }
+
+    /// Evaluates forces and accelerations at the present displacements, which must be without jumps.
+    pub(super) fn start_forces(&mut self) -> Result<()> {
         let time = self.time;
         for s in &mut self.subdomains {
             s.start(time)?;
@@ -34,14 +60,7 @@ impl<T: Real> Coupled<T> {
         for g in 0..self.lockstep.len() {
             self.add_pair_forces(g, |s| s.at_start(time), &mut |_| {})?;
         }
-        let before: T = self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        self.reflect_start()?;
-        self.start_loss = before - self.subdomains.iter().map(Subdomain::kinetic_energy).sum();
-        // Momenta count from the projected velocities.
-        self.find_bodies();
-        self.ledger.jumps = vec![DisplacementJump::default(); self.interfaces.len()];
-        self.rounded = self.round_off() * T::of(ROUND_OFF);
-        self.check_start()
+        Ok(())
     }
 
     /// Returns the energy \[J\] that round-off is worth, `½ ω² Σ m (ε q² + ε² x²)` with the highest frequency
@@ -66,10 +85,10 @@ fn displacements<T: Real>(subdomains: &[Subdomain<T>], models: &[usize]) -> Vec<
 
 impl<T: Real> Coupled<T> {
     /// Removes the jumps of the initial displacements and reports them.
-    fn close_jumps(&mut self) -> Result<()> {
+    fn close_jumps(&mut self, large: Jumps) -> Result<()> {
         for k in 0..self.interfaces.len() {
             let models = self.interfaces[k].sides;
-            if !self.interfaces[k].is_alone() || !self.is_open(&[k], &models)? {
+            if !self.interfaces[k].is_alone() || !self.is_open(&[k], &models, large)? {
                 continue;
             }
             let before = displacements(&self.subdomains, &models);
@@ -79,7 +98,7 @@ impl<T: Real> Coupled<T> {
         }
         for k in 0..self.joints.len() {
             let (members, models) = (self.joints[k].members.clone(), self.joints[k].models.clone());
-            if !self.is_open(&members, &models)? {
+            if !self.is_open(&members, &models, large)? {
                 continue;
             }
             let before = displacements(&self.subdomains, &models);
@@ -93,9 +112,9 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Returns whether interfaces that are solved together have displacement jumps that can be removed;
-    /// refuses jumps that are too large.
-    fn is_open(&mut self, members: &[usize], models: &[usize]) -> Result<bool> {
+    /// Returns whether interfaces that are solved together have displacement jumps that can be removed; large
+    /// ones are treated as `large` says.
+    fn is_open(&mut self, members: &[usize], models: &[usize], large: Jumps) -> Result<bool> {
         // The core cannot change the displacements of an external solver: they must agree from the start.
         let movable = !models.iter().any(|s| self.subdomains[*s].is_external());
         let mut open = false;
@@ -117,7 +136,7 @@ impl<T: Real> Coupled<T> {
             } else {
                 i.start_jump.min(T::of(EXTERNAL_JUMP))
             };
-            if jump > largest * limit {
+            if large == Jumps::Refused && jump > largest * limit {
                 return Err(Error::InitialJump {
                     interface: i.report.name.clone(),
                     jump: jump.as_f64(),

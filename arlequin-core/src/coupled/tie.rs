@@ -2,7 +2,7 @@
 
 use super::partition::{Filling, ROUND_OFF, SHARE, numbers};
 use crate::extent::Extent;
-use crate::interface::{Interface, InterfaceSpec, coupled_nodes};
+use crate::interface::{Draft, Interface, InterfaceSpec, coupled_nodes};
 use crate::subdomain::Subdomain;
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
@@ -63,6 +63,29 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
         });
     }
     Ok(share(t.outside))
+}
+
+/// Largest entry of a multiplier on a sleeping node, relative to the measure of the multiplier: round-off.
+const ASLEEP: f64 = 1e-12;
+
+/// Refuses multipliers on nodes that sleep: a node without mass cannot follow the other model.
+pub(super) fn refuse_asleep<T: Real>(draft: &Draft<T>, subdomains: &[Subdomain<T>]) -> Result<()> {
+    for (m, s) in draft.interface.sides.iter().enumerate() {
+        let s = &subdomains[*s];
+        if !s.has_sleep() {
+            continue;
+        }
+        let (node, share) = draft.largest_share(m, &|node| s.is_asleep(node));
+        if share > T::of(ASLEEP) {
+            return Err(Error::ZeroMass {
+                model: s.model().name().to_owned(),
+                node,
+                point: numbers(&s.model().nodes()[node]),
+                mass: 0.0,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Returns the shares of the coarse and of the fine model's nodes in the overlap on which multipliers act: by

@@ -1,5 +1,6 @@
 //! Coupling matrix of one side as the assembly makes it.
 
+use super::Draft;
 use crate::Real;
 use sprs::{CsMat, TriMat};
 
@@ -35,6 +36,20 @@ impl<T: Real> Coupling<T> {
             (0..d).for_each(|c| triplets.add_triplet(i * d + c, j * d + c, *v));
         }
         triplets.to_csr()
+    }
+}
+
+impl<T: Real> Draft<T> {
+    /// Returns the node of one side, among those with `is_wanted`, on which a multiplier acts most, and that
+    /// entry relative to the measure of the multiplier; zero if there is none.
+    pub(crate) fn largest_share(&self, side: usize, is_wanted: &dyn Fn(usize) -> bool) -> (usize, T) {
+        let Coupling { matrix, shared } = &self.coupling[side];
+        let split = self.interface.components / shared;
+        let wanted = matrix.iter().filter(|(_, (_, j))| is_wanted(j / split));
+        wanted.fold((0, T::zero()), |most, (b, (i, j))| {
+            let share = b.abs() / self.interface.measures[i / split].max(T::of(f64::MIN_POSITIVE));
+            if share > most.1 { (j / split, share) } else { most }
+        })
     }
 }
 

@@ -13,6 +13,7 @@ mod prepare;
 mod reaction;
 mod record;
 mod rest;
+mod rezone;
 mod share;
 mod step;
 mod stride;
@@ -73,6 +74,8 @@ pub struct Subdomain<T: Real> {
     field: Arc<dyn Interpolation<T>>,
     weights: Weights<T>,
     partition: Partition,
+    /// True if nodes without weight sleep; a model without sleep must have weight at all of its nodes.
+    sleeps: bool,
     supports: Vec<PrescribedMotion<T>>,
     /// Effects that are not attached yet.
     chosen: Vec<Box<dyn EffectSpec<T>>>,
@@ -131,6 +134,7 @@ impl<T: Real> Subdomain<T> {
             field,
             weights,
             partition: Partition::Checked,
+            sleeps: false,
             supports: Vec::new(),
             chosen: Vec::new(),
             effects: Vec::new(),
@@ -173,6 +177,15 @@ impl<T: Real> Subdomain<T> {
     #[must_use]
     pub fn with_partition(mut self, partition: Partition) -> Self {
         self.partition = partition;
+        self
+    }
+
+    /// Lets nodes sleep where the weight of the model is zero: they have neither mass nor forces, keep their
+    /// displacements and do not move. Without this, a node without weight is refused. A sleeping node wakes
+    /// when [`crate::Coupled::rezone`] gives it weight.
+    #[must_use]
+    pub fn with_sleep(mut self) -> Self {
+        self.sleeps = true;
         self
     }
 

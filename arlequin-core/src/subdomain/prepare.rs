@@ -24,14 +24,19 @@ impl<T: Real> Subdomain<T> {
             self.model
                 .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
         }
-        check_finite("weighted inertia", &self.inertia)?;
-        let prescribed = self.prescribed()?;
-        self.invert(&prescribed)?;
+        self.weigh_unknowns()?;
         if self.is_to_be_partitioned() {
             // Effects are attached after partitioning, to this rank's part.
             return Ok(());
         }
         self.attach(paired)
+    }
+
+    /// Checks the weighted inertia and computes its inverse.
+    pub(super) fn weigh_unknowns(&mut self) -> Result<()> {
+        check_finite("weighted inertia", &self.inertia)?;
+        let prescribed = self.prescribed()?;
+        self.invert(&prescribed)
     }
 
     /// Attaches the effects.
@@ -113,17 +118,23 @@ impl<T: Real> Subdomain<T> {
         Ok(out)
     }
 
-    /// Computes the inverse inertia, zero where motion is prescribed; refuses nodes without mass.
+    /// Computes the inverse inertia, zero where motion is prescribed and where nodes sleep; refuses other
+    /// nodes without mass.
     fn invert(&mut self, prescribed: &[bool]) -> Result<()> {
         let layout = self.model.layout();
         let top = self.inertia[..layout.translations()]
             .iter()
             .fold(T::zero(), |a, b| a.max(*b));
         let top = self.owned().largest(top);
+        if self.sleeps {
+            self.put_to_sleep(top);
+        }
         for (i, m) in self.inertia.iter().enumerate() {
             // Round-off of element means may leave a few epsilon of the largest mass where there should be
             // none. Inertia of rotations may be that small beside masses, so only zero is refused there.
+            let sleeps = self.sleeps && self.is_asleep(layout.node_of(i));
             if !prescribed[i]
+                && !sleeps
                 && *m <= top * T::epsilon() * T::of(4.0)
                 && (i < layout.translations() || *m <= T::zero())
             {
@@ -141,7 +152,11 @@ impl<T: Real> Subdomain<T> {
                 });
             }
             // A zero keeps forces and constraints from moving a prescribed unknown.
-            self.inverse_inertia[i] = if prescribed[i] { T::zero() } else { T::one() / *m };
+            self.inverse_inertia[i] = if prescribed[i] || sleeps {
+                T::zero()
+            } else {
+                T::one() / *m
+            };
         }
         Ok(())
     }

@@ -114,6 +114,13 @@ impl<T: Real> Forces<T> {
         }
     }
 
+    /// Allocates the arrays again that [`Self::release`] freed.
+    pub(super) fn reclaim(&mut self, dofs: usize) {
+        if self.released {
+            self.settle(vec![T::zero(); dofs]);
+        }
+    }
+
     /// Returns whether internal forces are the only ones.
     pub(super) fn are_internal(&self) -> bool {
         matches!(self.loads, Loads::Absent)

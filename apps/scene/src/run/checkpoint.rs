@@ -178,7 +178,7 @@ fn word(bytes: &[u8], offset: usize) -> Option<u32> {
 mod tests {
     use super::*;
     use arlequin::core::Warning;
-    use arlequin::core::snapshot::{PairSnapshot, Record, SubdomainSnapshot};
+    use arlequin::core::snapshot::{PairSnapshot, Record, RezoningSnapshot, SubdomainSnapshot};
     use proptest::prelude::*;
 
     fn sample() -> Checkpoint {
@@ -218,6 +218,11 @@ mod tests {
                     effect: Record::default(),
                 }],
                 warnings: vec![Warning::EnergyUnknown { model: "fine".into() }],
+                rezoning: Some(RezoningSnapshot {
+                    count: 3,
+                    works: [0.5, -1.0, 0.0, 2.0],
+                    weights: u64::MAX,
+                }),
             },
             records: Records::default(),
             wake: Some(Stage::Asleep {

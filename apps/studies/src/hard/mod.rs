@@ -16,6 +16,7 @@ mod strike;
 mod time;
 mod turning;
 mod weights;
+mod zones;
 
 use crate::checks::{Accept, Check};
 use arlequin::core::{Coupled, Error, Real, Result};
@@ -94,6 +95,7 @@ pub fn cases() -> Vec<HardCase> {
         breakage::CASES,
         strike::CASES,
         turning::CASES,
+        zones::CASES,
     ]
     .concat()
 }

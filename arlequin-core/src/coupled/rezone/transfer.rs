@@ -1,0 +1,419 @@
+//! What changes hands carries the state of the model that gives it.
+//!
+//! `T` is the coarse field at a fine node; for rotations and spins half the curl of it. `Π` fits, at a coarse
+//! node `J`, a linear function to the fine nodes `i` with the weights `m_i N_J(x_i)`, and takes its value at
+//! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie
+//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. A coarse node that
+//! sleeps beside a gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
+
+use crate::field::{Interpolation, ShapeRow, outside};
+use crate::interface::InterfaceSpec;
+use crate::reach::Reach;
+use crate::weight::Weight;
+use crate::{Error, Real, Result, Subdomain};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Gains of mass up to this number of units of round-off are none.
+const DIGITS: f64 = 16.0;
+/// Spread of fine nodes along an axis, relative to the largest, below which a slope along it is not fitted.
+const FLAT: f64 = 1e-6;
+
+/// Masses and state of a subdomain before the change.
+pub(super) struct Giver<T: Real> {
+    pub(super) inertia: Vec<T>,
+    /// Displacements and velocities.
+    state: [Vec<T>; 2],
+    /// Share of the model before the change.
+    weight: Arc<dyn Weight<T>>,
+    components: usize,
+    translations: usize,
+}
+
+impl<T: Real> Giver<T> {
+    pub(super) fn new(s: &Subdomain<T>) -> Self {
+        let (layout, state) = (s.model().layout(), s.state());
+        Self {
+            inertia: s.inertia().to_vec(),
+            state: [state.q.clone(), state.v.clone()],
+            weight: s.weights().kinetic.clone(),
+            components: layout.components,
+            translations: layout.translations(),
+        }
+    }
+
+    /// Number of nodes with mass.
+    pub(super) fn awake(&self) -> usize {
+        let masses = self.inertia[..self.translations].iter().step_by(self.components);
+        masses.filter(|m| **m > T::zero()).count()
+    }
+
+    fn mass(&self, node: usize) -> T {
+        self.inertia[node * self.components]
+    }
+
+    /// Displacement (0) or velocity (1) of a node.
+    fn vector(&self, what: usize, node: usize) -> Vector3<T> {
+        let d = self.components;
+        let mut out = Vector3::zeros();
+        (0..d).for_each(|c| out[c] = self.state[what][node * d + c]);
+        out
+    }
+
+    /// Mass that a node has gained; zero if that is round-off.
+    fn gain(&self, s: &Subdomain<T>, node: usize) -> T {
+        let (new, old) = (s.inertia()[node * self.components], self.mass(node));
+        if new - old > new * T::epsilon() * T::of(DIGITS) {
+            new - old
+        } else {
+            T::zero()
+        }
+    }
+
+    fn gains(&self, s: &Subdomain<T>) -> Vec<bool> {
+        let nodes = 0..self.translations / self.components;
+        nodes.map(|k| self.gain(s, k) > T::zero()).collect()
+    }
+}
+
+/// Hands the state of givers over to all nodes that have gained mass.
+pub(super) fn hand_over<T: Real>(
+    subdomains: &mut [Subdomain<T>],
+    givers: &[Giver<T>],
+    ties: &[InterfaceSpec<T>],
+) -> Result<()> {
+    let gains: Vec<_> = givers.iter().zip(&*subdomains).map(|(g, s)| g.gains(s)).collect();
+    let mut received = Vec::new();
+    for (k, gains) in gains.iter().enumerate() {
+        let partners = |of: &dyn Fn(&InterfaceSpec<T>) -> [usize; 2]| {
+            let mut out: Vec<usize> = ties.iter().map(of).filter(|p| p[0] == k).map(|p| p[1]).collect();
+            out.sort_unstable();
+            out.dedup();
+            out
+        };
+        let (fine, coarse) = (
+            partners(&|t| [t.coarse, t.fine]),
+            partners(&|t| [t.fine, t.coarse]),
+        );
+        if !gains.contains(&true) {
+            continue;
+        }
+        let turns = subdomains[k].model().layout().turns();
+        let why = match (fine.is_empty(), coarse.is_empty()) {
+            (true, true) => "no interface ties it to a model that could give it a state",
+            (false, false) => "it is the coarse model of one interface and the fine one of another",
+            (false, true) if turns => {
+                "it is a coarse model whose nodes turn, and nothing gives them rotations"
+            }
+            _ => "",
+        };
+        if !why.is_empty() {
+            return Err(unsupported(&subdomains[k], format!("gain weight: {why}")));
+        }
+        let states = if fine.is_empty() {
+            from_coarse(k, gains, subdomains, givers, (&coarse, ties))?
+        } else {
+            Means::new(k, gains, subdomains, givers, &fine)?.states(&subdomains[k], gains)?
+        };
+        received.push((k, states));
+    }
+    for (k, states) in received {
+        mix(&mut subdomains[k], &givers[k], &states);
+    }
+    Ok(())
+}
+
+fn unsupported<T: Real>(s: &Subdomain<T>, what: String) -> Error {
+    Error::Unsupported {
+        model: s.model().name().to_owned(),
+        what,
+    }
+}
+
+/// Displacement and velocity, rotation and spin that a node receives.
+struct Received<T: Real> {
+    node: usize,
+    vectors: [Vector3<T>; 2],
+    turns: [Vector3<T>; 2],
+}
+
+/// Mixes what nodes receive with what they have, by mass.
+fn mix<T: Real>(s: &mut Subdomain<T>, giver: &Giver<T>, received: &[Received<T>]) {
+    let layout = s.model().layout();
+    let (d, first) = (layout.components, layout.translations());
+    for r in received {
+        let entries = (0..d).map(|c| (r.node * d + c, [0, 1].map(|w| r.vectors[w][c])));
+        let turns = (0..layout.rotations).map(|c| {
+            let k = first + layout.rotations * r.node + c;
+            (k, [0, 1].map(|w| r.turns[w][c]))
+        });
+        for (k, given) in entries.chain(turns) {
+            let (old, new) = (giver.inertia[k], s.inertia()[k]);
+            // Prescribed unknowns follow their supports.
+            if s.inverse_inertia()[k] <= T::zero() {
+                continue;
+            }
+            let share = (new - old) / new;
+            let mixed = |own: T, given: T| {
+                if old > T::zero() {
+                    own + share * (given - own)
+                } else {
+                    given
+                }
+            };
+            let [q, v] = [0, 1].map(|w| mixed(giver.state[w][k], given[w]));
+            s.displacements()[k] = q;
+            s.velocities()[k] = v;
+        }
+    }
+}
+
+/// Returns the shape functions of a field at nodes of another model, one row for each node of which `wanted`
+/// is true; continued beyond the surface of the field. `None` where the field does not reach.
+fn rows<T: Real>(
+    field: &dyn Interpolation<T>,
+    of: &Subdomain<T>,
+    wanted: &(dyn Fn(usize) -> bool + Sync),
+    gradient: bool,
+) -> Result<Vec<Option<ShapeRow<T>>>> {
+    let nodes = of.model().nodes();
+    let row = |node: usize| -> Result<Option<ShapeRow<T>>> {
+        let mut row = ShapeRow::default();
+        if !wanted(node) {
+            return Ok(None);
+        }
+        match field.shape_at(&nodes[node], gradient, &mut row) {
+            Ok(()) => Ok(Some(row)),
+            Err(Error::OutsideDomain { .. }) => Ok(None),
+            Err(e) => Err(e),
+        }
+    };
+    let mut out: Vec<_> = (0..nodes.len()).into_par_iter().map(row).collect::<Result<_>>()?;
+    let mut reach = None;
+    let mut work = [ShapeRow::default(), ShapeRow::default()];
+    for (node, out) in out
+        .iter_mut()
+        .enumerate()
+        .filter(|(k, row)| row.is_none() && wanted(*k))
+    {
+        // Few nodes lie outside, and most fields have none.
+        let reach = reach.get_or_insert_with(|| Reach::new(field));
+        let mut row = ShapeRow::default();
+        match reach.shape_at(&nodes[node], gradient, &mut row, &mut work) {
+            Ok(()) => *out = Some(row),
+            Err(Error::OutsideDomain { .. }) => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(out)
+}
+
+/// Weighted sums over the fine nodes around a coarse node, with positions from it.
+#[derive(Clone)]
+struct Sums<T: Real> {
+    weight: T,
+    arm: Vector3<T>,
+    square: Matrix3<T>,
+    /// Displacement and velocity of the first node, from which the others count: a common motion costs no
+    /// digits.
+    first: [Vector3<T>; 2],
+    value: [Vector3<T>; 2],
+    slope: [Matrix3<T>; 2],
+}
+
+impl<T: Real> Sums<T> {
+    fn new() -> Self {
+        Self {
+            weight: T::zero(),
+            arm: Vector3::zeros(),
+            square: Matrix3::zeros(),
+            first: [Vector3::zeros(); 2],
+            value: [Vector3::zeros(); 2],
+            slope: [Matrix3::zeros(); 2],
+        }
+    }
+
+    fn add(&mut self, weight: T, arm: &Vector3<T>, x: [Vector3<T>; 2]) {
+        if self.weight <= T::zero() {
+            self.first = x;
+        }
+        self.weight += weight;
+        self.arm += arm * weight;
+        self.square += arm * arm.transpose() * weight;
+        for (k, x) in x.iter().enumerate() {
+            let x = (x - self.first[k]) * weight;
+            self.value[k] += x;
+            self.slope[k] += x * arm.transpose();
+        }
+    }
+
+    /// Value at the node of the linear function that fits best; `None` without fine nodes.
+    fn fit(&self) -> Option<[Vector3<T>; 2]> {
+        if self.weight <= T::zero() {
+            return None;
+        }
+        let middle = self.arm / self.weight;
+        let spread = self.square / self.weight - middle * middle.transpose();
+        let eigen = spread.symmetric_eigen();
+        let least = eigen.eigenvalues.amax() * T::of(FLAT);
+        // Where the slopes act: the middle, without parts along axes in which the nodes do not spread.
+        let mut lever = Vector3::zeros();
+        for (value, axis) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > least {
+                lever += axis * (axis.dot(&middle) / *value);
+            }
+        }
+        Some([0, 1].map(|k| {
+            let mean = self.value[k] / self.weight;
+            let cross = self.slope[k] / self.weight - mean * middle.transpose();
+            self.first[k] + mean - cross * lever
+        }))
+    }
+}
+
+/// Linear means of fine fields at the nodes of a coarse model.
+struct Means<T: Real>(Vec<Sums<T>>);
+
+impl<T: Real> Means<T> {
+    /// Sums over the fine nodes with mass of all `partners`, for coarse nodes with `wanted`.
+    fn new(
+        coarse: usize,
+        wanted: &[bool],
+        subdomains: &[Subdomain<T>],
+        givers: &[Giver<T>],
+        partners: &[usize],
+    ) -> Result<Self> {
+        let (field, nodes) = (subdomains[coarse].field(), subdomains[coarse].model().nodes());
+        let mut sums = vec![Sums::new(); nodes.len()];
+        for &p in partners {
+            let giver = &givers[p];
+            let has_mass = |node: usize| giver.mass(node) > T::zero();
+            let rows = rows(&**field, &subdomains[p], &has_mass, false)?;
+            let points = subdomains[p].model().nodes();
+            // One after the other, so that the bits do not depend on the number of threads.
+            for (i, row) in rows
+                .iter()
+                .enumerate()
+                .filter_map(|(i, r)| Some((i, r.as_ref()?)))
+            {
+                for (&j, &n) in row.nodes.iter().zip(&row.values) {
+                    if wanted[j] && n > T::zero() {
+                        let x = [0, 1].map(|what| giver.vector(what, i));
+                        sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), x);
+                    }
+                }
+            }
+        }
+        Ok(Self(sums))
+    }
+
+    /// States that gaining nodes receive. A node with mass and without fine nodes around it keeps its own.
+    fn states(&self, s: &Subdomain<T>, gains: &[bool]) -> Result<Vec<Received<T>>> {
+        let mut out = Vec::new();
+        for node in (0..gains.len()).filter(|k| gains[*k]) {
+            match self.0[node].fit() {
+                Some(vectors) => out.push(Received {
+                    node,
+                    vectors,
+                    turns: [Vector3::zeros(); 2],
+                }),
+                None => return Err(orphan(s, node)),
+            }
+        }
+        Ok(out)
+    }
+}
+
+fn orphan<T: Real>(s: &Subdomain<T>, node: usize) -> Error {
+    let [x, y, z] = super::partition::numbers(&s.model().nodes()[node]);
+    let what = format!(
+        "gain weight at node {node} at ({x:.6e}, {y:.6e}, {z:.6e}) m: no node of a tied model beside it had weight; let weights \
+         change only where both models are"
+    );
+    unsupported(s, what)
+}
+
+/// Displacements and velocities of the nodes of a coarse model that rows use; zero elsewhere. A node that
+/// sleeps has its linear mean.
+fn coarse_state<T: Real>(
+    coarse: usize,
+    rows: &[Option<ShapeRow<T>>],
+    subdomains: &[Subdomain<T>],
+    givers: &[Giver<T>],
+    ties: &[InterfaceSpec<T>],
+) -> Result<Vec<[Vector3<T>; 2]>> {
+    let giver = &givers[coarse];
+    let mut out = vec![[Vector3::zeros(); 2]; subdomains[coarse].model().nodes().len()];
+    let mut asleep = vec![false; out.len()];
+    for &j in rows.iter().flatten().flat_map(|r| &r.nodes) {
+        asleep[j] = giver.mass(j) <= T::zero();
+        out[j] = [0, 1].map(|what| giver.vector(what, j));
+    }
+    if asleep.contains(&true) {
+        let fine: Vec<_> = ties
+            .iter()
+            .filter(|t| t.coarse == coarse)
+            .map(|t| t.fine)
+            .collect();
+        for r in
+            Means::new(coarse, &asleep, subdomains, givers, &fine)?.states(&subdomains[coarse], &asleep)?
+        {
+            out[r.node] = r.vectors;
+        }
+    }
+    Ok(out)
+}
+
+/// Returns the states that the gaining nodes of a fine model receive from coarse fields.
+fn from_coarse<T: Real>(
+    fine: usize,
+    gains: &[bool],
+    subdomains: &[Subdomain<T>],
+    givers: &[Giver<T>],
+    (partners, ties): (&[usize], &[InterfaceSpec<T>]),
+) -> Result<Vec<Received<T>>> {
+    let s = &subdomains[fine];
+    let turns = s.model().layout().turns();
+    // Sums of shares, and of shares times displacement, velocity, rotation, spin.
+    let mut sums = vec![(T::zero(), [Vector3::zeros(); 4]); gains.len()];
+    for &p in partners {
+        let rows = rows(&**subdomains[p].field(), s, &|node| gains[node], turns)?;
+        let vectors = coarse_state(p, &rows, subdomains, givers, ties)?;
+        for (i, row) in rows
+            .iter()
+            .enumerate()
+            .filter_map(|(i, r)| Some((i, r.as_ref()?)))
+        {
+            // With several givers each counts by its weight there. A weight of zero at the node itself,
+            // beside a mean that is not, must not lose the only giver.
+            let share = givers[p].weight.value(&s.model().nodes()[i]).max(T::epsilon());
+            let (total, sum) = &mut sums[i];
+            *total += share;
+            for (k, (&j, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
+                for (what, u) in vectors[j].iter().enumerate() {
+                    sum[what] += u * (n * share);
+                    if turns {
+                        // Half the curl: ½ ∇N × u.
+                        sum[2 + what] += row.gradients[k].cross(u) * (share * T::of(0.5));
+                    }
+                }
+            }
+        }
+    }
+    let mut out = Vec::new();
+    for node in (0..gains.len()).filter(|k| gains[*k]) {
+        let (share, sum) = &sums[node];
+        if *share <= T::zero() {
+            let x = &s.model().nodes()[node];
+            return Err(outside(x, "coarse model of a change of weights"));
+        }
+        let [q, v, turn, spin] = sum.map(|x| x / *share);
+        out.push(Received {
+            node,
+            vectors: [q, v],
+            turns: [turn, spin],
+        });
+    }
+    Ok(out)
+}

@@ -1,0 +1,127 @@
+//! Change of the weights of a subdomain in the middle of a run, and nodes that sleep.
+
+use super::account::Energies;
+use super::{Stepper, Subdomain};
+use crate::effect::{Attached, EffectSpec};
+use crate::error::invalid;
+use crate::weight::{Weighting, Weights};
+use crate::{Error, Real, Result, parallel};
+use std::ops::Range;
+
+/// Masses up to this number of units of round-off of the largest mass count as zero.
+const ROUND_OFF: f64 = 4.0;
+
+impl<T: Real> Subdomain<T> {
+    /// Returns whether nodes without weight sleep.
+    pub(crate) fn has_sleep(&self) -> bool {
+        self.sleeps
+    }
+
+    /// Returns whether a node sleeps: the model has no weight there.
+    pub fn is_asleep(&self, node: usize) -> bool {
+        self.inertia[node * self.model.layout().components] <= T::zero()
+    }
+
+    /// Stops nodes whose mass is round-off of the largest mass `top`, and takes the remainder of their
+    /// inertia.
+    pub(super) fn put_to_sleep(&mut self, top: T) {
+        let layout = self.model.layout();
+        let (d, r, first) = (layout.components, layout.rotations, layout.translations());
+        for node in 0..layout.nodes {
+            if self.inertia[node * d] > top * T::epsilon() * T::of(ROUND_OFF) {
+                continue;
+            }
+            let [moving, turning] = [d * node..d * (node + 1), first + r * node..first + r * (node + 1)];
+            for k in moving.chain(turning) {
+                self.inertia[k] = T::zero();
+                (self.state.v[k], self.state.a[k]) = (T::zero(), T::zero());
+            }
+        }
+    }
+
+    /// Refuses a change of weights that the subdomain cannot make.
+    pub(crate) fn check_rezoning(&mut self, new: &Weights<T>) -> Result<()> {
+        let why = if self.weights.weighting == Weighting::Nodal || new.weighting == Weighting::Nodal {
+            "weights at nodes conserve no energy that could be accounted for; take weights of elements"
+        } else if self.is_paired() {
+            "an effect acts between it and another model; leave the effect out"
+        } else if self.model.evolving().is_some() {
+            "it changes itself, and bonds that sleep would be judged by a strain that they do not have; switch \
+             that off"
+        } else {
+            return Ok(());
+        };
+        Err(Error::Unsupported {
+            model: self.model.name().to_owned(),
+            what: format!("change its weights: {why}"),
+        })
+    }
+
+    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories.
+    /// The state stays; forces are those of the old weights until the next start.
+    pub(crate) fn reweigh(
+        &mut self,
+        weights: Weights<T>,
+        effects: Vec<Box<dyn EffectSpec<T>>>,
+    ) -> Result<()> {
+        if effects.len() != self.effects.len() {
+            let names: Vec<_> = self.effects().map(|e| e.name().to_owned()).collect();
+            let what = format!("new effects of '{}'", self.model.name());
+            let rule = format!("must be those that it has, {names:?}, each made for the new weights");
+            return Err(invalid(&what, effects.len(), &rule));
+        }
+        // As at set-up: weights first, then what the model remembers.
+        let memory = self.model.save();
+        self.weights = weights;
+        self.model.set_internal_weight(&*self.weights.internal)?;
+        self.model.restore(&memory)?;
+        self.model
+            .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
+        self.weigh_unknowns()?;
+        self.forces.reclaim(self.inertia.len());
+        self.energies = Energies::unknown();
+        for (k, spec) in effects.into_iter().enumerate() {
+            let old = &self.effects[k];
+            let mut new = Attached::new(spec.attach(&self.host())?);
+            if new.effect.name() != old.effect.name() {
+                let what = format!("new effect {k} of '{}'", self.model.name());
+                let rule = format!("must be '{}', made for the new weights", old.effect.name());
+                return Err(invalid(&what, new.effect.name(), &rule));
+            }
+            new.restore(old.work(), &old.effect.save())?;
+            self.effects[k] = new;
+        }
+        let (run, steps) = (self.pace.dt * T::of(self.pace.steps as f64), self.pace.steps);
+        match self.stepper {
+            // The matrix holds masses and stiffness.
+            Stepper::Average(_) => self.set_pace(run, steps),
+            _ => Ok(()),
+        }
+    }
+
+    /// Invariant \[J\] that the next own step will have, for a linear law and the velocities `v⁺` that the
+    /// subdomain has now:
+    ///
+    /// ```text
+    /// ½ wᵀMw + U(q) − ½ Δt fᵀw,   w = v⁺ + Δt/2 a      velocity Verlet
+    /// ½ v⁺ᵀMv⁺ + U(q)                                  average acceleration
+    /// ```
+    pub(crate) fn invariant_ahead(&mut self) -> Result<T> {
+        let energy = self.model.internal_energy(&self.state.q);
+        if !matches!(self.stepper, Stepper::Verlet) {
+            return Ok(energy + self.kinetic_energy());
+        }
+        // Of a restored state or of a model that makes its steps itself the forces are not known.
+        let mut force = vec![T::zero(); self.inertia.len()];
+        self.model.add_internal_forces(&self.state.q, &mut force)?;
+        let (dt, half) = (self.pace.dt, T::of(0.5));
+        let (v, a, m) = (&self.state.v, &self.state.a, &self.inertia);
+        let part = |range: Range<usize>| {
+            range.fold(T::zero(), |sum, i| {
+                let w = v[i] + half * dt * a[i];
+                sum + half * w * (m[i] * w - dt * force[i])
+            })
+        };
+        Ok(energy + parallel::sum(force.len(), &part))
+    }
+}

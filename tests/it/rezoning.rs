@@ -1,0 +1,338 @@
+//! Zones that move on the line: the table of docs/design/moving-zones.md.
+
+use arlequin::core::{Coupled, Error, Profile, Rezoning, Silent, Subdomain, TimeStep, Weights};
+use arlequin_studies::moving::{Account, BAR, CHAIN, H, Moving};
+
+/// Prints what a test measures, for the table in the docs.
+#[allow(clippy::print_stdout, reason = "shown with --nocapture")]
+fn report(what: &str, account: &Account, run: &Coupled<f64>) {
+    println!(
+        "{what}: {} changes, Σ|W| {:.2e}, gains {:.2e}, top {:.6}, end {:.6}, restored {:.1e}, drift {:.1e}",
+        account.count,
+        account.moduli,
+        account.gains,
+        account.top,
+        account.end,
+        account.restored,
+        run.drift(),
+    );
+}
+
+fn peak(run: &Coupled<f64>) -> f64 {
+    let chain = &run.subdomains()[CHAIN];
+    let awake = |k: &usize| !chain.is_asleep(*k);
+    let nodes = (0..chain.state().q.len()).filter(awake);
+    nodes.map(|k| chain.state().q[k]).fold(0.0, f64::max)
+}
+
+/// Relative change of the momentum since the start.
+fn lost_momentum(run: &Coupled<f64>) -> f64 {
+    run.bodies()[0].drift[0]
+}
+
+#[test]
+fn a_pulse_is_carried_along_eighty_cells() {
+    for (half_width, zone, own, limit) in [
+        (3.0, [240.0, 360.0], 1, 1e-6),
+        (3.0, [240.0, 360.0], 4, 1e-6),
+        (6.0, [190.0, 410.0], 1, 1e-8),
+        (6.0, [190.0, 410.0], 4, 1e-8),
+        (15.0, [190.0, 410.0], 1, 5e-3),
+        (15.0, [190.0, 410.0], 4, 5e-3),
+    ] {
+        let line = Moving {
+            zone,
+            own,
+            ..Moving::default()
+        };
+        let mut run = line.build(&line.pulse(2.0 * half_width * H)).unwrap();
+        let account = line.carry(&mut run, (80, H, 1.0), &mut |_, _| ()).unwrap();
+        report(
+            &format!(
+                "pulse of {half_width} h in {zone:?}, m = {own}, peak {:.4}",
+                peak(&run)
+            ),
+            &account,
+            &run,
+        );
+        assert!(account.moduli < limit && account.gains < 1e-8, "{account:?}");
+        assert!((peak(&run) - 1.0).abs() < 0.015, "{}", peak(&run));
+        assert!(
+            run.drift() < 1e-12 && lost_momentum(&run) < 1e-12,
+            "{:e}",
+            run.drift()
+        );
+    }
+}
+
+#[test]
+fn scattered_springs_lose_what_the_bar_cannot_carry() {
+    for (seed, own) in [(1, 1), (2, 1), (3, 1), (4, 1), (1, 4)] {
+        let line = Moving {
+            zone: [200.0, 600.0],
+            cells: 120,
+            scatter: 0.6,
+            seed,
+            own,
+            ..Moving::default()
+        };
+        let mut run = line.build(&line.pulse(6.0 * H)).unwrap();
+        let account = line.carry(&mut run, (14, H, 1.0), &mut |_, _| ()).unwrap();
+        report(&format!("springs ±60 %, seed {seed}, m = {own}"), &account, &run);
+        assert!(account.moduli < 0.02 && account.gains < 1e-5, "{account:?}");
+        assert!(
+            account.restored > 1e-8 && lost_momentum(&run) < 1e-13,
+            "{:e}",
+            lost_momentum(&run)
+        );
+        assert!(run.drift() < 1e-12, "{:e}", run.drift());
+    }
+}
+
+#[test]
+fn random_states_never_gain_energy() {
+    for (own, seeds) in [(1, 4), (4, 1)] {
+        for speed in [1.0, 0.3, 0.1, 0.03] {
+            for seed in 1..=seeds {
+                let line = Moving {
+                    cells: 80,
+                    zone: [140.0, 260.0],
+                    seed,
+                    own,
+                    ..Moving::default()
+                };
+                let mut run = line.build(&line.random()).unwrap();
+                let account = line.carry(&mut run, (36, H, speed), &mut |_, _| ()).unwrap();
+                report(&format!("random {seed} at {speed}, m = {own}"), &account, &run);
+                assert!(account.top < 1.0 && account.gains < 1e-3, "{account:?}");
+                assert!(
+                    run.drift() < 1e-11 && lost_momentum(&run) < 1e-12,
+                    "{:e}",
+                    run.drift()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn with_an_absorber_nothing_is_gained() {
+    for seed in 1..=4 {
+        let line = Moving {
+            cells: 80,
+            zone: [140.0, 260.0],
+            seed,
+            absorber: 0.2,
+            ..Moving::default()
+        };
+        let mut run = line.build(&line.random()).unwrap();
+        let account = line.carry(&mut run, (36, H, 1.0), &mut |_, _| ()).unwrap();
+        report(&format!("random {seed} with absorbers"), &account, &run);
+        assert!(account.gains < 1e-12 && account.top < 1.0, "{account:?}");
+        // The absorbers keep their works from change to change.
+        let lost: f64 = run.effects().iter().filter_map(|e| e.work).sum();
+        assert!(lost < -0.01 * account.start, "{lost:e}");
+        assert!(run.drift() < 1e-12, "{:e}", run.drift());
+    }
+}
+
+#[test]
+fn rigid_flight_and_uniform_strain_do_no_work() {
+    let line = Moving::default();
+    for own in [1, 4] {
+        let line = Moving { own, ..line.clone() };
+        let mut run = line.build(&line.state(|_| (0.25, 0.7))).unwrap();
+        let momentum = run.momentum()[0].x;
+        let mut most = 0.0f64;
+        let account = line.carry(&mut run, (100, H, 5.0), &mut |_, c| {
+            let parts = [c.work, c.potential, c.kinetic, c.rigid, c.start];
+            most = parts.into_iter().fold(most, |m, x| m.max(x.abs()));
+        });
+        let account = account.unwrap();
+        report(&format!("rigid flight, m = {own}"), &account, &run);
+        assert!(most < 1e-11 * account.start, "{most:e}");
+        assert!((run.momentum()[0].x / momentum - 1.0).abs() < 1e-12);
+    }
+    // Held at both ends in uniform strain: nothing moves, whatever the zone does.
+    let strain = 1e-3;
+    let mut run = line.build(&line.state(|x| (strain * x, 0.0))).unwrap();
+    let mut most = 0.0f64;
+    for n in 1..=100 {
+        let at = 240.0 + 10.0 * f64::from(n);
+        let change = line.rezone(&mut run, [at, at + 120.0]).unwrap();
+        most = most.max(change.work.abs());
+    }
+    assert!(most < 1e-12 * run.energy(), "{most:e} of {:e}", run.energy());
+    let stretched = run.subdomains().iter().all(|s| {
+        let nodes = s.model().nodes().iter().zip(&s.state().q).enumerate();
+        nodes
+            .filter(|(k, _)| !s.is_asleep(*k))
+            .all(|(_, (x, q))| (q - strain * x.x).abs() < 1e-12)
+    });
+    assert!(stretched);
+}
+
+#[test]
+fn there_and_back_and_toggled_zones_stay_bounded() {
+    let line = Moving {
+        cells: 80,
+        zone: [240.0, 360.0],
+        ..Moving::default()
+    };
+    for (what, state) in [("pulse", line.pulse(6.0 * H)), ("random", line.random())] {
+        let mut run = line.build(&state).unwrap();
+        let out = line.carry(&mut run, (14, H, 1.0), &mut |_, _| ()).unwrap();
+        let mut account = Account::default();
+        for n in (0..14).rev() {
+            run.run(20, &mut Silent).unwrap();
+            let zone = line.zone.map(|x| x + H * f64::from(n));
+            let change = line.rezone(&mut run, zone).unwrap();
+            account.add(&run, &change);
+        }
+        report(&format!("{what} there"), &out, &run);
+        report(&format!("{what} and back"), &account, &run);
+        assert!(account.top < 1.0 + 1e-5 && account.gains < 1e-4, "{account:?}");
+        // Toggled every ten steps.
+        let mut run = line.build(&state).unwrap();
+        let mut account = Account::default();
+        for n in 0..100 {
+            run.run(10, &mut Silent).unwrap();
+            let zone = line.zone.map(|x| x + if n % 2 == 0 { H } else { 0.0 });
+            let change = line.rezone(&mut run, zone).unwrap();
+            account.add(&run, &change);
+        }
+        report(&format!("{what} toggled"), &account, &run);
+        assert!(account.top < 1.0 + 1e-5 && account.gains < 5e-3, "{account:?}");
+        assert!(run.drift() < 1e-11, "{:e}", run.drift());
+    }
+}
+
+#[test]
+fn a_snapshot_after_a_change_is_restored_only_beside_its_weights() {
+    let line = Moving {
+        cells: 80,
+        zone: [240.0, 360.0],
+        absorber: 0.1,
+        ..Moving::default()
+    };
+    let moved = line.zone.map(|x| x + 30.0);
+    let mut first = line.build(&line.random()).unwrap();
+    first.run(7, &mut Silent).unwrap();
+    line.rezone(&mut first, moved).unwrap();
+    first.run(5, &mut Silent).unwrap();
+    let saved = first.snapshot().unwrap();
+    // Any state will do: it is replaced.
+    let mut second = Moving {
+        zone: moved,
+        ..line.clone()
+    }
+    .build(&line.pulse(60.0))
+    .unwrap();
+    second.restore(&saved).unwrap();
+    let bits = |run: &Coupled<f64>| -> Vec<u64> {
+        let states = run
+            .subdomains()
+            .iter()
+            .flat_map(|s| s.state().q.iter().chain(&s.state().v));
+        let works = run.works().into_iter().map(|w| w.work).collect::<Vec<_>>();
+        states
+            .copied()
+            .chain(works)
+            .chain(run.last_energy().map(|e| e.drift))
+            .map(f64::to_bits)
+            .collect()
+    };
+    for run in [&mut first, &mut second] {
+        run.run(5, &mut Silent).unwrap();
+        line.rezone(run, line.zone).unwrap();
+        run.run(5, &mut Silent).unwrap();
+    }
+    assert_eq!(first.conversions(), 2);
+    assert!(bits(&first) == bits(&second), "other bits after a restart");
+    let mut elsewhere = line.build(&line.random()).unwrap();
+    let refused = elsewhere.restore(&saved);
+    assert!(
+        matches!(&refused, Err(Error::InvalidParameter { name, .. }) if name.contains("changes of weights")),
+        "{refused:?}"
+    );
+}
+
+#[test]
+fn changes_that_do_not_fit_the_run_are_refused_by_name() {
+    let line = Moving {
+        cells: 80,
+        ..Moving::default()
+    };
+    let zone = line.zone;
+    let mut run = line.build(&line.pulse(60.0)).unwrap();
+    let one = vec![Moving::interfaces(zone).unwrap().remove(0)];
+    let text = run.rezone(Rezoning::new(one)).unwrap_err().to_string();
+    assert!(
+        text.contains("interfaces of new weights") && text.contains("right"),
+        "{text}"
+    );
+    let [coarse, fine] = Moving::weights(zone).unwrap();
+    let twice = Rezoning::new(Moving::interfaces(zone).unwrap())
+        .with_weights(BAR, coarse)
+        .with_weights(BAR, fine);
+    let text = run.rezone(twice).unwrap_err().to_string();
+    assert!(text.contains("subdomain of new weights"), "{text}");
+    // Weights that do not sum to one.
+    let [_, fine] = Moving::weights(zone.map(|x| x + 50.0)).unwrap();
+    let gap = Rezoning::new(Moving::interfaces(zone).unwrap()).with_weights(CHAIN, fine);
+    let refused = run.rezone(gap);
+    assert!(refused.is_err(), "{refused:?}");
+    // Effects that are not made for the new weights.
+    let damped = Moving {
+        absorber: 0.1,
+        cells: 80,
+        ..Moving::default()
+    };
+    let mut run = damped.build(&damped.pulse(60.0)).unwrap();
+    let text = line.rezone(&mut run, zone).unwrap_err().to_string();
+    assert!(
+        text.contains("new effects of 'chain'") && text.contains("absorber"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_step_that_new_weights_make_unstable_is_refused() {
+    let line = Moving {
+        cells: 80,
+        ..Moving::default()
+    };
+    let bodies = |zone: [f64; 2]| {
+        let [coarse, fine] = Moving::weights(zone).unwrap();
+        let (bar, chain) = line.models().unwrap();
+        vec![
+            Subdomain::coarse(bar, coarse).with_sleep(),
+            Subdomain::fine(chain, fine).with_sleep(),
+        ]
+    };
+    let ties = || Moving::interfaces(line.zone).unwrap();
+    let step = TimeStep::Seconds(0.9);
+    let mut run = Coupled::new(bodies(line.zone), ties(), step, None).unwrap();
+    let [coarse, fine] = Moving::weights(line.zone).unwrap();
+    run.rezone(
+        Rezoning::new(ties())
+            .with_weights(BAR, coarse)
+            .with_weights(CHAIN, fine),
+    )
+    .unwrap();
+    // Masses that vanish faster than the stiffness.
+    let heavy = Moving::profiled(line.zone, &Profile::Quintic).unwrap();
+    let stiff = Moving::profiled(line.zone, &Profile::Linear).unwrap();
+    let [coarse, fine] = [0, 1].map(|k| Weights {
+        internal: stiff[k].internal.clone(),
+        ..heavy[k].clone()
+    });
+    let change = Rezoning::new(ties())
+        .with_weights(BAR, coarse)
+        .with_weights(CHAIN, fine);
+    let refused = run.rezone(change);
+    assert!(
+        matches!(&refused, Err(Error::UnstableStep { model, .. }) if model == "chain"),
+        "{refused:?}"
+    );
+}
