@@ -18,7 +18,7 @@ const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
 ///
 /// # Errors
 /// Keys that are missing or exclude each other; values out of range.
-pub(super) fn fracture(
+pub(crate) fn fracture(
     path: &str,
     f: &spec::Fracture,
     (name, model): (&str, &ModelTable),

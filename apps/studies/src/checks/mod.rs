@@ -7,6 +7,7 @@ pub mod branching;
 mod check;
 mod choices;
 mod claims;
+pub mod kalthoff;
 mod solids;
 mod strength;
 pub mod strip;
@@ -186,11 +187,16 @@ pub static CASES: [Case; 18] = [
 ];
 
 /// Benchmarks of fracture, which take minutes each: `arlequin verify --fracture`.
-pub static FRACTURE: [Case; 2] = [
+pub static FRACTURE: [Case; 3] = [
     cheap(
         "branching",
         "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
         branching::branching,
+    ),
+    cheap(
+        "kalthoff",
+        "plate struck between two notches: angle of the crack, whole struck edge",
+        kalthoff::kalthoff,
     ),
     cheap(
         "strip",
