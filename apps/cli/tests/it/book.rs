@@ -145,7 +145,7 @@ const LEFT_OUT: [(&str, &str); 8] = [
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 8] = [
+const LONG: [&str; 9] = [
     "arlequin run examples/scenes/branching.toml",
     "arlequin verify --fracture",
     "arlequin run examples/scenes/plate-impact.toml",
@@ -154,12 +154,14 @@ const LONG: [&str; 8] = [
     "arlequin calibrate --cylinder 20e-3,1e-3 --count 5000",
     "arlequin calibrate --periodic",
     "arlequin calibrate --box 8e-3,3e-3,3e-3 --spacing 0.3e-3 --strength",
+    "arlequin calibrate --box 32e-3,10e-3,4e-3 --spacing 0.5e-3 --toughness",
 ];
 
 /// The pages with commands, and the shipped scene that stands for `SCENE.toml` there. The tutorials share one
 /// folder, as for a reader who follows them.
-const PAGES: [(&str, &str, &str); 10] = [
+const PAGES: [(&str, &str, &str); 11] = [
     ("branching.md", "branching", ""),
+    ("kalthoff.md", "kalthoff", ""),
     ("introduction.md", "tutorials", ""),
     ("tutorial/plate.md", "tutorials", ""),
     ("tutorial/bend.md", "tutorials", ""),
@@ -211,6 +213,11 @@ fn the_commands_of_the_page_on_sweeps_run() {
 #[test]
 fn the_commands_of_the_page_on_results_run() {
     run_pages("view", 5);
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_struck_plate_run() {
+    run_pages("kalthoff", 2);
 }
 
 #[test]
