@@ -90,13 +90,20 @@ impl Strip {
     }
 
     fn check(&self) -> Result<()> {
-        for (name, x) in ["strip length", "strip height", "strip thickness"].iter().zip(self.size) {
+        for (name, x) in ["strip length", "strip height", "strip thickness"]
+            .iter()
+            .zip(self.size)
+        {
             positive(name, x)?;
         }
         positive("Young's modulus of the strip", self.young)?;
         if self.size[0] < SHORTEST * self.size[1] {
             let rule = "at least 2.9: the crack must be about as long as the strip is high and stay as far from its end";
-            return Err(Error::out_of_range("strip length over height", self.size[0] / self.size[1], rule));
+            return Err(Error::out_of_range(
+                "strip length over height",
+                self.size[0] / self.size[1],
+                rule,
+            ));
         }
         Ok(())
     }
@@ -326,7 +333,9 @@ impl Servo<'_> {
         for (clamp, side) in opened.clamps.iter().zip([-0.5, 0.5]) {
             let motion = opening.clone();
             let formula = Formula::new("elongation of the strip", move |t| motion.value(t));
-            supports.push(PrescribedMotion::fixed(model.translations(clamp, [true, false, true])));
+            supports.push(PrescribedMotion::fixed(
+                model.translations(clamp, [true, false, true]),
+            ));
             supports.push(PrescribedMotion {
                 dofs: model.translations(clamp, [false, true, false]),
                 amplitude: side,

@@ -389,7 +389,10 @@ mod tests {
         let rising = Rising::new(PLATE, 0.0, &slanted);
         assert!((rising.angle() - 2.0_f64.atan()).abs() < 1e-3 && (rising.rise() - 50.0).abs() < 1e-9);
         let wanted = 800.0 * 0.25 / (2.0 * 50.0_f64.hypot(25.0));
-        assert!((rising.released_per_area() / wanted - 1.0).abs() < 0.01, "{rising:?}");
+        assert!(
+            (rising.released_per_area() / wanted - 1.0).abs() < 0.01,
+            "{rising:?}"
+        );
         assert!((rising.start() - straight.start()).abs() < 0.5);
         // Before the fork alone, the speed is the same.
         let forked = CrackPath::new(PLATE, &breaks(75.0, 99.0));

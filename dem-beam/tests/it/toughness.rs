@@ -70,5 +70,8 @@ fn strips_that_show_no_toughness_are_refused() {
         low: [0.0, 1.0, 0.0],
         ..strip(SIZE)
     };
-    assert!(matches!(test(&packing, &beside, GC), Err(Error::OutOfRange { .. })));
+    assert!(matches!(
+        test(&packing, &beside, GC),
+        Err(Error::OutOfRange { .. })
+    ));
 }

@@ -1,6 +1,8 @@
 //! Report of `arlequin calibrate` as text: packings, elastic constants, strengths.
 
-use arlequin_scene::calibrate::{Beams, Calibration, Elastic, Estimate, Exponent, Strengths, ToughnessResult};
+use arlequin_scene::calibrate::{
+    Beams, Calibration, Elastic, Estimate, Exponent, Strengths, ToughnessResult,
+};
 
 /// Returns the report as lines of text.
 pub(crate) fn text(r: &Calibration) -> String {

@@ -333,12 +333,14 @@ fn run(
     progress: Progress<'_>,
 ) -> arlequin::dem_beam::Result<TestResults> {
     match test {
-        Test::Tension(shape) | Test::Strip(shape, ..) => with_progress(packings.iter(), what, progress, |p| {
-            p.connected("a tension test")?;
-            // Statics does not use the density.
-            tension_test(&p.bonded(beam, 1.0)?, shape)
-        })
-        .map(TestResults::Bars),
+        Test::Tension(shape) | Test::Strip(shape, ..) => {
+            with_progress(packings.iter(), what, progress, |p| {
+                p.connected("a tension test")?;
+                // Statics does not use the density.
+                tension_test(&p.bonded(beam, 1.0)?, shape)
+            })
+            .map(TestResults::Bars)
+        }
         Test::Bulk => {
             with_progress(packings.iter(), what, progress, |p| bulk(p, beam)).map(TestResults::Bulk)
         }

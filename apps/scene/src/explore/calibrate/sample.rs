@@ -1,6 +1,6 @@
 //! Samples to test: bars from a scene or from the options, or periodic samples.
 
-use super::strip::{self, Bonds, Meant};
+use super::strip::{self, Bonds, Meant, mean_size};
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown};
 use crate::scene::{Scene, Source};
@@ -180,28 +180,6 @@ impl Sample {
         }
         Ok(())
     }
-}
-
-/// Returns the mean diameter of the spheres \[m\] that the options or the scene give.
-pub(super) fn mean_size(
-    wanted: &Wanted,
-    model_key: &str,
-    given: &ModelTable,
-    folder: &Path,
-) -> Result<Option<f64>> {
-    let own = match (given.spacing, given.dem.count) {
-        (Some(spacing), _) if spacing > 0.0 => Some(spacing),
-        (None, Some(count)) if count > 0 => {
-            let filling = Filling::from_table(model_key, given, folder)?;
-            let volume = match &filling.container {
-                Container::Around(around) => around.part().volume(),
-                container => container.volume(),
-            };
-            Some(mean_diameter(volume, count as f64))
-        }
-        _ => None,
-    };
-    Ok(wanted.spacing.filter(|d| *d > 0.0).or(own))
 }
 
 /// Replaces the shape of a scene by the standard bar if it is no straight bar along x. `given` is the table

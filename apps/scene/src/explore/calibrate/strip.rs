@@ -1,10 +1,13 @@
 //! Strips for toughness tests: their shape, and the fracture of their bonds.
 
-use super::sample::{Sample, Test, cuboid, mean_size, shape_from_options};
+use super::sample::{Sample, Test, cuboid, shape_from_options};
 use super::{KEY, Wanted};
 use crate::error::{Result, dem, key};
+use crate::setup::filling::Filling;
 use crate::setup::fracture::fracture;
 use crate::spec::{self, EffectKind, ModelTable, SceneSpec, Shape};
+use arlequin::dem_beam::packing::Container;
+use arlequin::dem_beam::packing::size::mean_diameter;
 use arlequin::dem_beam::toughness::SHORTEST;
 use arlequin::dem_beam::{BeamMaterial, Criterion, Fracture};
 use std::path::{Path, PathBuf};
@@ -79,7 +82,9 @@ pub(super) fn sample(
         let rule = "toughness is that of a strip: remove --periodic and --cylinder, or give --box";
         return Err(key(KEY, rule));
     }
-    if given.dem.file.is_some() && (wanted.cuboid.is_none() || wanted.spacing.or(wanted.count.map(|_| 1.0)).is_none()) {
+    if given.dem.file.is_some()
+        && (wanted.cuboid.is_none() || wanted.spacing.or(wanted.count.map(|_| 1.0)).is_none())
+    {
         let rule = "spheres of a file are no strip with a crack: give --box with --spacing";
         return Err(key(format!("{model_key}.dem.file"), rule));
     }
@@ -125,10 +130,36 @@ pub(super) fn sample(
     Ok(sample)
 }
 
+/// Returns the mean diameter of the spheres \[m\] that the options or the scene give.
+pub(super) fn mean_size(
+    wanted: &Wanted,
+    model_key: &str,
+    given: &ModelTable,
+    folder: &Path,
+) -> Result<Option<f64>> {
+    let own = match (given.spacing, given.dem.count) {
+        (Some(spacing), _) if spacing > 0.0 => Some(spacing),
+        (None, Some(count)) if count > 0 => {
+            let filling = Filling::from_table(model_key, given, folder)?;
+            let volume = match &filling.container {
+                Container::Around(around) => around.part().volume(),
+                container => container.volume(),
+            };
+            Some(mean_diameter(volume, count as f64))
+        }
+        _ => None,
+    };
+    Ok(wanted.spacing.filter(|d| *d > 0.0).or(own))
+}
+
 /// Returns the lowest corner and the lengths of a box \[m\].
 fn lengths(shape: &Shape) -> Option<([f64; 3], [f64; 3])> {
     match *shape {
-        Shape::Box { low, high, hole: None } => Some((low, [0, 1, 2].map(|c| high[c] - low[c]))),
+        Shape::Box {
+            low,
+            high,
+            hole: None,
+        } => Some((low, [0, 1, 2].map(|c| high[c] - low[c]))),
         _ => None,
     }
 }
