@@ -40,14 +40,15 @@ const START: f64 = 0.9;
 /// Relative growth of the elongation in a wave transit across the strip, up to the first broken bond.
 const GROWTH: f64 = 0.02;
 /// Change of the elongation by the distance of the crack from its wanted place in heights: at once, and in a
-/// wave transit across the strip. Stronger ones send waves that take as much as a tenth of the energy.
-const CONTROL: [f64; 2] = [0.15, 0.05];
+/// wave transit across the strip. Weaker ones let the crack run away, stronger ones send waves that take more
+/// than a tenth of the energy.
+const CONTROL: [f64; 2] = [0.4, 0.03];
 /// Elongation at which the run gives up, over that at the first broken bond.
 const GIVEN_UP: f64 = 12.0;
 /// Time at which the run gives up, over the time in which the crack should pass the strip.
 const LATEST: f64 = 3.0;
 /// Wave transits across the strip between two changes of the elongation.
-const WINDOW: f64 = 0.25;
+const WINDOW: f64 = 0.5;
 /// Bonds beyond the measured length that show that the crack has passed it, over those across the plane of the
 /// crack in a height.
 const PASSED: f64 = 0.1;

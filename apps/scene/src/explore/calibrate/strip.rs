@@ -169,7 +169,8 @@ fn refusal([length, height, thickness]: [f64; 3], diameter: f64) -> Option<Strin
     let [high, thick] = LEAST.map(|n| n * diameter);
     (length < SHORTEST * height || height < high || thickness < thick).then(|| {
         format!(
-            "a strip of {length:e} by {height:e} by {thickness:e} m does not show the toughness of spheres of {diameter:.3e} m: its              height must be {high:.2e} m or more, its thickness {thick:.2e} m, its length {SHORTEST} heights"
+            "a strip of {length:e} by {height:e} by {thickness:e} m does not show the toughness of spheres of {diameter:.3e} m: its \
+             height must be {high:.2e} m or more, its thickness {thick:.2e} m, its length {SHORTEST:.1} heights"
         )
     })
 }
