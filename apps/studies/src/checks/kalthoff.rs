@@ -60,7 +60,7 @@ pub(super) fn kalthoff(done: &Runs) -> Result<Report> {
     let (diameter, seeds) = if done.quick {
         (2e-3, &SEEDS[..1])
     } else {
-        (1e-3, &SEEDS[..])
+        (1.5e-3, &SEEDS[..])
     };
     let series = seeds.iter().map(|seed| breaks(diameter, *seed));
     let series = series.collect::<Result<Vec<_>>>()?;
