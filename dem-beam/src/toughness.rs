@@ -49,6 +49,9 @@ const GIVEN_UP: f64 = 12.0;
 const LATEST: f64 = 3.0;
 /// Wave transits across the strip between two changes of the elongation.
 const WINDOW: f64 = 0.5;
+/// Bonds along the measured length that show that the crack has passed it, over those across the plane of the
+/// crack. A crack breaks about as many.
+const PARTED: f64 = 0.65;
 /// Bonds beyond the measured length that show that the crack has passed it, over those across the plane of the
 /// crack in a height.
 const PASSED: f64 = 0.1;
@@ -287,17 +290,24 @@ impl Servo<'_> {
         };
         let ligament = self.strip.low[0] + self.strip.size[0] - self.strip.tip();
         let latest = LATEST * ligament / height / SPEED;
-        let [_, passed] = self.strip.measured();
-        // A few stray bonds may break far ahead.
-        let wanted = (PASSED * self.density * height).max(4.0) as usize;
+        let ends = self.strip.measured();
+        // The crack has passed when bonds are broken all along the measured length and beyond it. Others may
+        // break far ahead before.
+        let along = PARTED * self.density * (ends[1] - ends[0]);
+        let wanted = [along, (PASSED * self.density * height).max(4.0)];
         let mut samples = Vec::new();
         loop {
             run.run(every, &mut Silent)?;
             let now = run.time();
-            let (broken, beyond) = {
+            let (broken, passed) = {
                 let log = locked(&log);
-                let beyond = log.events().iter().filter(|e| e.place.x > passed);
-                (log.events().len(), beyond.count())
+                let places = || log.events().iter().map(|e| e.place.x);
+                let counts = [
+                    places().filter(|x| (ends[0]..ends[1]).contains(x)).count(),
+                    places().filter(|x| *x >= ends[1]).count(),
+                ];
+                let passed = counts.iter().zip(wanted).all(|(n, least)| *n as f64 > least);
+                (log.events().len(), passed)
             };
             samples.push(Sample {
                 time: now,
@@ -305,7 +315,7 @@ impl Servo<'_> {
                 left: run.energy() - support_work(&run),
                 broken,
             });
-            if beyond > wanted {
+            if passed {
                 return Ok(self.evaluate(&samples, locked(&log).events()));
             }
             let place = broken as f64 / self.density / height;
