@@ -42,7 +42,7 @@ const GROWTH: f64 = 0.02;
 /// Change of the elongation by the distance of the crack from its wanted place in heights: at once, and in a
 /// wave transit across the strip. Weaker ones let the crack run away, stronger ones send waves that take more
 /// than a tenth of the energy.
-const CONTROL: [f64; 2] = [0.4, 0.03];
+const CONTROL: [f64; 2] = [0.25, 0.03];
 /// Elongation at which the run gives up, over that at the first broken bond.
 const GIVEN_UP: f64 = 12.0;
 /// Time at which the run gives up, over the time in which the crack should pass the strip.
