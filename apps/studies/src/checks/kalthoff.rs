@@ -15,7 +15,9 @@ const THICKNESS: f64 = 9e-3;
 /// Tip of the notch, and end of the plate above it \[m\].
 const TIP: [f64; 2] = [50e-3, 25e-3];
 const TOP: f64 = 100e-3;
-const SEEDS: [u64; 3] = [1, 2, 3];
+/// Mean diameter of the spheres \[m\]: 4.5 across the thickness.
+const DIAMETER: f64 = 2e-3;
+const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 
 /// Returns the broken bonds of the plate, with spheres of this mean diameter \[m\].
 ///
@@ -57,11 +59,7 @@ fn at_edge(diameter: f64, breaks: &[Broken]) -> f64 {
 
 /// Compares the crack with the direction of the largest hoop stress at a notch loaded in sliding.
 pub(super) fn kalthoff(done: &Runs) -> Result<Report> {
-    let (diameter, seeds) = if done.quick {
-        (2e-3, &SEEDS[..1])
-    } else {
-        (1.5e-3, &SEEDS[..])
-    };
+    let (diameter, seeds) = (DIAMETER, if done.quick { &SEEDS[..1] } else { &SEEDS[..] });
     let series = seeds.iter().map(|seed| breaks(diameter, *seed));
     let series = series.collect::<Result<Vec<_>>>()?;
     let cracks: Vec<Rising> = series.iter().map(|b| crack(diameter, b)).collect();
