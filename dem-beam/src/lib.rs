@@ -57,6 +57,7 @@ pub mod packing;
 pub mod particles;
 pub mod statics;
 pub mod strength;
+pub mod toughness;
 #[cfg(feature = "vtu")]
 pub mod vtu;
 

@@ -3,7 +3,7 @@
 use crate::error::{Located, Result, value};
 use crate::{report, threads};
 use arlequin_scene::Source;
-use arlequin_scene::calibrate::{StrengthTest, Wanted, calibrate as measure};
+use arlequin_scene::calibrate::{StrengthTest, ToughnessTest, Wanted, calibrate as measure};
 use arlequin_scene::spec::{CriterionKind, Protocol};
 use clap::Args;
 use std::path::PathBuf;
@@ -91,6 +91,13 @@ pub(crate) struct Calibrate {
     /// test]
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength")]
     sizes: Option<Vec<f64>>,
+    /// Let a slow crack run through strips: energy that it takes per area, in three ways. Bonds break by the
+    /// scene's fracture [default: 8 J/m2, silica].
+    #[arg(long, conflicts_with_all = ["strength", "periodic", "cylinder"])]
+    toughness: bool,
+    /// Strength in tension [Pa] that the body should have: says for which spheres it goes with the toughness.
+    #[arg(long, value_name = "PASCAL", requires = "toughness")]
+    body_strength: Option<f64>,
     /// Number of packings, each with another seed.
     #[arg(long, value_name = "N", default_value_t = 5)]
     seeds: u64,
@@ -136,6 +143,7 @@ impl Calibrate {
             ("--young", as_list(self.young), 1),
             ("--radius-ratio", as_list(self.radius_ratio), 1),
             ("--target-young", as_list(self.target_young), 1),
+            ("--body-strength", as_list(self.body_strength), 1),
         ];
         for (name, numbers, count) in positive {
             let Some(numbers) = numbers else { continue };
@@ -205,6 +213,9 @@ impl Calibrate {
                 beam_strength: self.beam_strength,
                 weibull: self.weibull,
                 sizes: self.sizes.clone(),
+            }),
+            toughness: self.toughness.then_some(ToughnessTest {
+                body_strength: self.body_strength,
             }),
             seeds: self.seeds,
         }

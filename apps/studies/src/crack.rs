@@ -192,6 +192,86 @@ impl Slice {
     }
 }
 
+/// A crack that rises from the tip of a notch, along the second coordinate of its breaks.
+#[derive(Debug, Clone)]
+pub struct Rising {
+    plate: Plate,
+    /// Place of the tip along the notch \[m\].
+    tip: f64,
+    /// Median place along the notch \[m\] and first time \[s\] of each slice that the crack passed.
+    passed: Vec<[f64; 2]>,
+    released: f64,
+}
+
+impl Rising {
+    /// Sorts the breaks above the tip into slices of two spheres, up to the first that the crack did not pass.
+    /// `plate.ends` lie along the second coordinate; `tip` is the place of the tip along the first \[m\].
+    #[must_use]
+    pub fn new(plate: Plate, tip: f64, breaks: &[Broken]) -> Self {
+        let width = 2.0 * plate.diameter;
+        let least = (PASSED * width * plate.thickness / plate.diameter.powi(2)).max(2.0);
+        let (mut passed, mut released) = (Vec::new(), 0.0);
+        let mut before = tip;
+        for k in 0..((plate.ends[1] - plate.ends[0]) / width).floor().max(0.0) as usize {
+            let from = plate.ends[0] + k as f64 * width;
+            // Other cracks of the plate lie farther away than a crack can go to the side in a slice.
+            let near = |b: &&Broken| {
+                (from..from + width).contains(&b.place[1]) && (b.place[0] - before).abs() < 2.0 * width
+            };
+            let mut part: Vec<&Broken> = breaks.iter().filter(near).collect();
+            if (part.len() as f64) < least {
+                break;
+            }
+            part.sort_by(|a, b| a.place[0].total_cmp(&b.place[0]));
+            before = part[part.len() / 2].place[0];
+            let first = part.iter().map(|b| b.time).fold(f64::INFINITY, f64::min);
+            passed.push([before, first]);
+            released += part.iter().map(|b| b.released).sum::<f64>();
+        }
+        Self {
+            plate,
+            tip,
+            passed,
+            released,
+        }
+    }
+
+    fn width(&self) -> f64 {
+        2.0 * self.plate.diameter
+    }
+
+    /// Height above the tip that the crack reached \[m\].
+    #[must_use]
+    pub fn rise(&self) -> f64 {
+        self.passed.len() as f64 * self.width()
+    }
+
+    /// Time of the first break \[s\]; infinite without a crack.
+    #[must_use]
+    pub fn start(&self) -> f64 {
+        self.passed.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Angle to the notch \[rad\], by least squares over the crack.
+    #[must_use]
+    pub fn angle(&self) -> f64 {
+        let rows = self.passed.iter().enumerate();
+        let rows: Vec<[f64; 2]> = rows.map(|(k, p)| [k as f64 * self.width(), p[0]]).collect();
+        1.0_f64.atan2(slope(&rows))
+    }
+
+    /// Energy released per area \[J/m²\].
+    #[must_use]
+    pub fn released_per_area(&self) -> f64 {
+        let (mut length, mut before) = (0.0, self.tip);
+        for [place, _] in &self.passed {
+            length += self.width().hypot(place - before);
+            before = *place;
+        }
+        self.released / (length * self.plate.thickness)
+    }
+}
+
 /// Energy of the breaks between two places along the crack, as far as they lie at most 2.5 mean diameters
 /// beside the median of the breaks in the same part of about two diameters \[J\]: small branches are left
 /// out.
@@ -298,6 +378,22 @@ mod tests {
             ..stray[0]
         });
         assert!((released_beside(&stray, [60.0, 90.0], 0.5) - beside).abs() < 1e-12);
+        // The same crack, seen as one that rises at an angle.
+        let slanted: Vec<Broken> = breaks(999.0, 0.0)
+            .iter()
+            .map(|b| Broken {
+                place: [0.5 * (b.place[0] - 50.0), b.place[0]],
+                ..*b
+            })
+            .collect();
+        let rising = Rising::new(PLATE, 0.0, &slanted);
+        assert!((rising.angle() - 2.0_f64.atan()).abs() < 1e-3 && (rising.rise() - 50.0).abs() < 1e-9);
+        let wanted = 800.0 * 0.25 / (2.0 * 50.0_f64.hypot(25.0));
+        assert!(
+            (rising.released_per_area() / wanted - 1.0).abs() < 0.01,
+            "{rising:?}"
+        );
+        assert!((rising.start() - straight.start()).abs() < 0.5);
         // Before the fork alone, the speed is the same.
         let forked = CrackPath::new(PLATE, &breaks(75.0, 99.0));
         assert!((forked.speeds(75.0)[1] / 2.0 - 1.0).abs() < 1e-3);

@@ -21,4 +21,5 @@ mod recovery;
 mod screen;
 mod shells;
 mod stride;
+mod toughness;
 mod tumbling;

@@ -1,6 +1,8 @@
 //! Report of `arlequin calibrate` as text: packings, elastic constants, strengths.
 
-use arlequin_scene::calibrate::{Beams, Calibration, Elastic, Estimate, Exponent, Strengths};
+use arlequin_scene::calibrate::{
+    Beams, Calibration, Elastic, Estimate, Exponent, Strengths, ToughnessResult,
+};
 
 /// Returns the report as lines of text.
 pub(crate) fn text(r: &Calibration) -> String {
@@ -71,6 +73,12 @@ pub(crate) fn text(r: &Calibration) -> String {
     if let Some(s) = &r.strength {
         line(String::new());
         for text in strengths(s) {
+            line(text);
+        }
+    }
+    if let Some(t) = &r.toughness {
+        line(String::new());
+        for text in toughness(t, r.elastic.young.mean) {
             line(text);
         }
     }
@@ -153,5 +161,56 @@ fn strengths(s: &Strengths) -> Vec<String> {
         )
     };
     out.extend(s.exponents.iter().map(power));
+    out
+}
+
+/// Returns the lines of the toughness table.
+fn toughness(t: &ToughnessResult, young: f64) -> Vec<String> {
+    let unit = if t.gc.is_some() || t.tensile_strength.is_some() {
+        "J/m2"
+    } else {
+        "Pa"
+    };
+    let meant = t.gc.map_or(String::new(), |gc| format!(", for gc = {gc:e} J/m2"));
+    let mut out = vec![
+        format!(
+            "toughness  of strips {:e} by {:e} by {:e} m, spheres of {:.3e} m; bonds break by {} at {:.4e} {unit}{meant}",
+            t.strip[0], t.strip[1], t.strip[2], t.diameter, t.criterion, t.bond_strength
+        ),
+        format!(
+            "{:>6} {:>13} {:>9} {:>9} {:>9} {:>9} {:>9} {:>10} {:>7}",
+            "seed", "elongation[m]", "J", "lost", "released", "theory", "first", "bonds/m2", "v/c"
+        ),
+    ];
+    out.extend(t.strips.iter().map(|s| {
+        let seed = s.seed.map_or("file".to_owned(), |s| s.to_string());
+        format!(
+            "{seed:>6} {:>13.4e} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>10.3e} {:>7.4}",
+            s.elongation, s.j, s.lost, s.released, s.theory, s.first, s.broken, s.speed
+        )
+    }));
+    let energy = |name: &str, e: &Estimate| match t.strips.len() {
+        1 => format!("{name:<46} {:.3} J/m2 (one strip)", e.mean),
+        _ => format!("{name:<46} {:.3} J/m2 ± {:.3}", e.mean, e.deviation),
+    };
+    out.push(energy("J of finite elements at the same elongation", &t.j));
+    out.push(energy("lost by the strip: released and waves", &t.lost));
+    out.push(energy("strip theory", &t.theory));
+    out.push(energy("released with the bonds", &t.released));
+    out.push(format!(
+        "the first three differ by {:.1} %; a slow crack takes {:.2} times what its bonds release, the rest leaves as waves",
+        100.0 * t.difference,
+        t.lost.mean / t.released.mean
+    ));
+    if let Some(strength) = t.tensile_strength {
+        out.push(format!(
+            "implied    a plain body of these spheres fails in tension at about {strength:.3e} Pa (E = {young:.3e} Pa)"
+        ));
+    }
+    if let Some(both) = t.diameter_of_both {
+        out.push(format!(
+            "implied    the wanted strength goes with this toughness for spheres of {both:.3e} m"
+        ));
+    }
     out
 }

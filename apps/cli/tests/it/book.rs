@@ -153,13 +153,15 @@ const LONG: [&str; 9] = [
     "arlequin calibrate --cylinder 20e-3,1e-3 --count 5000",
     "arlequin calibrate --periodic",
     "arlequin calibrate --box 8e-3,3e-3,3e-3 --spacing 0.3e-3 --strength",
+    "arlequin calibrate --box 32e-3,10e-3,4e-3 --spacing 0.5e-3 --toughness",
 ];
 
 /// The pages with commands, and the shipped scene that stands for `SCENE.toml` there. The tutorials share one
 /// folder, as for a reader who follows them.
-const PAGES: [(&str, &str, &str); 11] = [
+const PAGES: [(&str, &str, &str); 12] = [
     ("../README.md", "readme", ""),
     ("branching.md", "branching", ""),
+    ("kalthoff.md", "kalthoff", ""),
     ("introduction.md", "tutorials", ""),
     ("tutorial/plate.md", "tutorials", ""),
     ("tutorial/bend.md", "tutorials", ""),
@@ -219,6 +221,11 @@ fn the_commands_of_the_page_on_sweeps_run() {
 #[test]
 fn the_commands_of_the_page_on_results_run() {
     run_pages("view", 5);
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_struck_plate_run() {
+    run_pages("kalthoff", 2);
 }
 
 #[test]

@@ -77,7 +77,11 @@ pub(crate) fn stops_at_overlap(scene: &LoweredScene, m: usize) -> bool {
 ///
 /// # Errors
 /// Keys that are missing or exclude each other; values out of range.
-fn fracture(path: &str, f: &spec::Fracture, (name, model): (&str, &LoweredModel)) -> Result<Fracture> {
+pub(crate) fn fracture(
+    path: &str,
+    f: &spec::Fracture,
+    (name, model): (&str, &LoweredModel),
+) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
         (Some(modulus), None) => Scatter::Weibull { modulus },

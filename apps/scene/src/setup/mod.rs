@@ -11,7 +11,7 @@ mod faces;
 mod files;
 pub mod filling;
 mod formula;
-mod fracture;
+pub(crate) mod fracture;
 mod grains;
 mod holdings;
 mod interface;

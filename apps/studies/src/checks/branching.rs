@@ -57,7 +57,7 @@ fn rayleigh() -> f64 {
 }
 
 /// Mean and half of the range of numbers.
-fn spread(values: &[f64]) -> [f64; 2] {
+pub(super) fn spread(values: &[f64]) -> [f64; 2] {
     let n = values.len() as f64;
     let (low, high) = values
         .iter()

@@ -7,6 +7,8 @@ pub mod branching;
 mod check;
 mod choices;
 mod claims;
+pub mod edge;
+pub mod kalthoff;
 mod solids;
 mod strength;
 pub mod strip;
@@ -186,11 +188,21 @@ pub static CASES: [Case; 18] = [
 ];
 
 /// Benchmarks of fracture, which take minutes each: `arlequin verify --fracture`.
-pub static FRACTURE: [Case; 2] = [
+pub static FRACTURE: [Case; 4] = [
     cheap(
         "branching",
         "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
         branching::branching,
+    ),
+    cheap(
+        "kalthoff",
+        "plate struck between two notches: angle of the crack, whole struck edge",
+        kalthoff::kalthoff,
+    ),
+    cheap(
+        "edge",
+        "edge-cracked bars: power of the strength over crack length, energy released at the peak",
+        edge::edge,
     ),
     cheap(
         "strip",

@@ -3,6 +3,8 @@
 
 mod sample;
 mod strength;
+mod strip;
+mod toughness;
 
 use crate::Progress;
 use crate::error::Result;
@@ -16,6 +18,7 @@ use arlequin::dem_beam::{BeamMaterial, Packing};
 use sample::{Sample, Test};
 use serde::Serialize;
 pub use strength::{Exponent, SizeStrength, StrengthTest, Strengths};
+pub use toughness::{StripTest, ToughnessResult, ToughnessTest};
 
 /// Key in errors that concern no scene.
 const KEY: &str = "calibrate";
@@ -52,6 +55,8 @@ pub struct Wanted {
     pub target: Option<[f64; 2]>,
     /// Settings of a strength test, if bars are to be pulled until they break.
     pub strength: Option<StrengthTest>,
+    /// Settings of a toughness test, if a crack is to run through strips; excludes `strength`.
+    pub toughness: Option<ToughnessTest>,
     /// Number of packings, which differ by their seed.
     pub seeds: u64,
 }
@@ -170,6 +175,9 @@ pub struct Calibration {
     /// Strength of the bars, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strength: Option<Strengths>,
+    /// Toughness of the strips, if asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub toughness: Option<ToughnessResult>,
     /// Warnings.
     pub warnings: Vec<String>,
     /// Reason why the result must not be used, if any.
@@ -240,6 +248,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         elastic: results.elastic(),
         target: None,
         strength: None,
+        toughness: None,
         warnings: PackingLine::from_packing(&packings[0], 1.0, None).warnings(),
         refused: None,
     };
@@ -265,6 +274,11 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
             beams: beams.into(),
             reached,
         });
+    }
+    if let (Some(asked), TestResults::Bars(bars)) = (&wanted.toughness, &results) {
+        let test = toughness::test_toughness(asked, &sample, &packings, (bars, &out.elastic), progress)?;
+        out.warnings.extend(test.warnings(asked));
+        out.toughness = Some(test);
     }
     if let Some(asked) = &wanted.strength {
         let bars = match sizes {
@@ -319,12 +333,14 @@ fn run(
     progress: Progress<'_>,
 ) -> arlequin::dem_beam::Result<TestResults> {
     match test {
-        Test::Tension(shape) => with_progress(packings.iter(), what, progress, |p| {
-            p.connected("a tension test")?;
-            // Statics does not use the density.
-            tension_test(&p.bonded(beam, 1.0)?, shape)
-        })
-        .map(TestResults::Bars),
+        Test::Tension(shape) | Test::Strip(shape, ..) => {
+            with_progress(packings.iter(), what, progress, |p| {
+                p.connected("a tension test")?;
+                // Statics does not use the density.
+                tension_test(&p.bonded(beam, 1.0)?, shape)
+            })
+            .map(TestResults::Bars)
+        }
         Test::Bulk => {
             with_progress(packings.iter(), what, progress, |p| bulk(p, beam)).map(TestResults::Bulk)
         }

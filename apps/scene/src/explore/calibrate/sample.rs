@@ -1,5 +1,6 @@
 //! Samples to test: bars from a scene or from the options, or periodic samples.
 
+use super::strip::{self, Bonds, Meant, mean_size};
 use super::{KEY, Wanted};
 use crate::error::{Result, key, unknown};
 use crate::scene::{Scene, Source};
@@ -30,6 +31,8 @@ const STRAIGHT: [f64; 2] = [25.0, 2.0];
 pub(super) enum Test {
     /// A bar along x is pulled.
     Tension(Bar),
+    /// A bar is pulled, which is a strip of this lowest corner and these lengths \[m\] for a crack.
+    Strip(Bar, [f64; 3], [f64; 3]),
     /// A periodic sample is strained.
     Bulk,
 }
@@ -49,6 +52,8 @@ pub(super) struct Sample {
     pub beam: BeamMaterial,
     /// Test.
     pub test: Test,
+    /// Fracture of a strip.
+    pub meant: Option<Meant>,
     table: LoweredModel,
     folder: PathBuf,
     /// Notches of the scene, and place of the container in the scene \[m\]; only strength tests cut them.
@@ -59,18 +64,22 @@ impl Sample {
     /// Combines the options with the scene.
     pub(super) fn from_options(wanted: &Wanted, source: Option<&Source>) -> Result<Self> {
         let has_shape = wanted.cylinder.is_some() || wanted.cuboid.is_some();
-        let (model_key, mut table, folder) = match source {
+        let (model_key, mut table, folder, bonds) = match source {
             Some(source) => table_from_scene(wanted, source)?,
             None if !has_shape && !wanted.periodic => {
                 let rule = "nothing to test; give a scene, --cylinder, --box or --periodic";
                 return Err(key(KEY, rule));
             }
-            None => (KEY.to_owned(), table_from_options(), PathBuf::new()),
+            None => (KEY.to_owned(), table_from_options(), PathBuf::new(), None),
         };
         let given = table.clone();
         apply_options(wanted, &mut table);
         // A zone has beams of its own rule, so they are read before another shape replaces it.
         let beam = beam(&model_key, &table)?;
+        if wanted.toughness.is_some() {
+            let meant = Meant::new(bonds, &model_key, &table, beam)?;
+            return strip::sample(wanted, &model_key, (&given, table), &folder, (beam, meant));
+        }
         if wanted.periodic {
             if wanted.strength.is_some() {
                 let rule = "strength is that of a bar; remove --periodic or --strength";
@@ -100,7 +109,7 @@ impl Sample {
     }
 
     /// Prepares the bar of a table.
-    fn bar(
+    pub(super) fn bar(
         seeds: u64,
         model_key: &str,
         table: LoweredModel,
@@ -125,6 +134,7 @@ impl Sample {
             key: model_key.to_owned(),
             recipes,
             test: Test::Tension(bar),
+            meant: None,
             notches: (knives(model_key, &table.dem.notch, &folder)?, filling.shift),
             table,
             folder,
@@ -146,14 +156,18 @@ impl Sample {
         cut(&self.notches.0, &self.notches.1, packing)
     }
 
-    /// Refuses bars too short for their spheres.
-    fn check(&self) -> Result<()> {
-        let (Test::Tension(bar), Some((_, recipe))) = (self.test, self.recipes.first()) else {
-            return Ok(());
-        };
-        let diameter = match recipe {
+    /// Mean diameter of the spheres \[m\].
+    pub(super) fn diameter(&self) -> Option<f64> {
+        self.recipes.first().map(|(_, recipe)| match recipe {
             Recipe::Read(packing) => 2.0 * packing.report.mean_radius,
             Recipe::Made(spec) => mean_diameter(spec.container.volume(), spec.count as f64),
+        })
+    }
+
+    /// Refuses bars too short for their spheres.
+    fn check(&self) -> Result<()> {
+        let (Test::Tension(bar), Some(diameter)) = (self.test, self.diameter()) else {
+            return Ok(());
         };
         if bar.length < SHORTEST * diameter {
             let rule = format!(
@@ -179,19 +193,7 @@ fn replace_shape(
     if given.dem.file.is_some() || given.shape.is_line() {
         return Ok(None);
     }
-    let own = match (given.spacing, given.dem.count) {
-        (Some(spacing), _) if spacing > 0.0 => Some(spacing),
-        (None, Some(count)) if count > 0 => {
-            let filling = Filling::from_table(model_key, given, folder)?;
-            let volume = match &filling.container {
-                Container::Around(around) => around.part().volume(),
-                container => container.volume(),
-            };
-            Some(mean_diameter(volume, count as f64))
-        }
-        _ => None,
-    };
-    let Some(wanted_size) = wanted.spacing.filter(|d| *d > 0.0).or(own) else {
+    let Some(wanted_size) = mean_size(wanted, model_key, given, folder)? else {
         // Missing and impossible sizes are refused with the recipes.
         return Ok(None);
     };
@@ -232,8 +234,11 @@ fn replace_shape(
     )))
 }
 
-/// Returns the key and the table of the chosen model, and the folder of the scene.
-fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, LoweredModel, PathBuf)> {
+/// Returns the key and the table of the chosen model, the folder of the scene, and the fracture of its bonds.
+fn table_from_scene(
+    wanted: &Wanted,
+    source: &Source,
+) -> Result<(String, LoweredModel, PathBuf, Option<Bonds>)> {
     let scene = Scene::from_source(source.clone())?.assign(&wanted.set)?;
     let scene = scene.spec();
     let name = match &wanted.model {
@@ -265,7 +270,8 @@ fn table_from_scene(wanted: &Wanted, source: &Source) -> Result<(String, Lowered
         let rule = "only models of kind \"dem\" have beams to calibrate; choose another by --model";
         return Err(key(format!("{model_key}.kind"), rule));
     }
-    Ok((model_key, table.clone(), source.folder.clone()))
+    let bonds = strip::bonds(scene, &name);
+    Ok((model_key, table.clone(), source.folder.clone(), bonds))
 }
 
 /// Returns the key under which a model stands in the file.
@@ -278,7 +284,7 @@ fn key_in(scene: &LoweredScene, name: &str) -> String {
 }
 
 /// Returns a box along x with a corner at the origin.
-fn cuboid(high: [f64; 3]) -> BodyShape {
+pub(super) fn cuboid(high: [f64; 3]) -> BodyShape {
     BodyShape::Given(Shape::Box {
         low: [0.0; 3],
         high,
@@ -287,7 +293,7 @@ fn cuboid(high: [f64; 3]) -> BodyShape {
 }
 
 /// Returns the shape that the options give.
-fn shape_from_options(wanted: &Wanted) -> BodyShape {
+pub(super) fn shape_from_options(wanted: &Wanted) -> BodyShape {
     let from = [0.0; 3];
     match wanted.cylinder {
         Some([length, radius]) => BodyShape::Given(Shape::Cylinder { from, length, radius }),
@@ -420,6 +426,7 @@ fn periodic(wanted: &Wanted, model_key: String, table: LoweredModel, beam: BeamM
         recipes: recipes.collect(),
         key: model_key,
         test: Test::Bulk,
+        meant: None,
         table,
         folder: PathBuf::new(),
         notches: (Vec::new(), Vector3::zeros()),
