@@ -46,7 +46,9 @@ pub(crate) fn copy_flagged<T: Real>(target: &mut [T], source: &[T], flags: &[boo
     if per == 0 || !pays(target.len()) {
         return part(target, source, flags);
     }
-    let parts = target.par_chunks_mut(per * CHUNK).zip(source.par_chunks(per * CHUNK));
+    let parts = target
+        .par_chunks_mut(per * CHUNK)
+        .zip(source.par_chunks(per * CHUNK));
     let parts = parts.zip(flags.par_chunks(CHUNK));
     parts.for_each(|((target, source), flags)| part(target, source, flags));
 }

@@ -77,7 +77,16 @@ impl OnLanes for KickAndDrift<'_> {
 impl<L: Lanes> Job for With<L, KickAndDrift<'_>> {
     #[inline(always)]
     fn call(self) {
-        let Self(_, KickAndDrift { step, before, q, v, a }) = self;
+        let Self(
+            _,
+            KickAndDrift {
+                step,
+                before,
+                q,
+                v,
+                a,
+            },
+        ) = self;
         let [dt, h] = step;
         // Plain loops, which the compiler turns into vectors without fused multiply-adds.
         match before {

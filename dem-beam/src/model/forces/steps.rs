@@ -63,7 +63,13 @@ impl<W: Screened> Gather<W> {
                 Speeds::Kicked(v, before) => {
                     let before = before.map_or([None; 2], |q| q.map(Some));
                     for (((q, before), v), a) in q.iter_mut().zip(before).zip(v).zip(a) {
-                        isa.run(KickAndDrift { step, before, q, v, a });
+                        isa.run(KickAndDrift {
+                            step,
+                            before,
+                            q,
+                            v,
+                            a,
+                        });
                     }
                 }
             }
