@@ -91,7 +91,7 @@ fn acting(scene: &LoweredScene) -> Result<()> {
         for (n, c) in s.components.iter().flatten().enumerate() {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
-        let one_way = matches!(table.shape, Shape::Bar { .. } | Shape::Linked);
+        let one_way = table.shape.is_line();
         if s.motion.is_some() && s.components.is_none() && !one_way {
             let rule = "is missing: a motion moves every component that it names by the same amount; name them, such as [\"x\"], \
                         and hold others by a support of their own";
