@@ -185,5 +185,5 @@ fn errors_stand_under_keys_of_the_scene() {
                  material = { young = 1.0, poisson = 0.3, density = 1.0 }\n\
                  [[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n[[initial]]\nvelocity.uniform = [1e308, 0.0, 0.0]\n\
                  [time]\nsteps = 1\n";
-    assert_refused("infinite", alone, "model.bar", "is not a finite number");
+    assert_refused("infinite", alone, "initial", "is not a finite number");
 }

@@ -39,16 +39,16 @@ fn named(scene: &LoweredScene, source: &Core) -> Option<String> {
     })
 }
 
-/// Key of the object on which a phase of the set-up works.
+/// Key of the object on which a phase of the set-up works: one model or interface, or all of them.
 fn of_phase(scene: &LoweredScene, phase: SetupPhase) -> String {
-    let models = || scene.model.keys();
     let name = |names: &mut dyn Iterator<Item = &String>, k: usize| names.nth(k).cloned();
     let place = match phase {
-        SetupPhase::Weights(m) => name(&mut models(), m).map(|n| format!("model.{n}")),
+        SetupPhase::Weights(m) => name(&mut scene.model.keys(), m).map(|n| format!("model.{n}")),
         SetupPhase::Junction(k) | SetupPhase::Operator(k) => {
             name(&mut scene.interface.keys(), k).map(|n| format!("interface.{n}"))
         }
-        SetupPhase::Step => Some("time.step".to_owned()),
+        // Own steps and critical steps are those of all models.
+        SetupPhase::Step => Some(models(scene)),
         _ => None,
     };
     place.unwrap_or_else(|| interfaces(scene))
@@ -71,11 +71,20 @@ fn step(scene: &LoweredScene, model: &str, steps: usize) -> String {
 fn interfaces(scene: &LoweredScene) -> String {
     let mut names = scene.interface.keys();
     match (names.next(), names.next()) {
-        (None, _) if scene.body.is_some() => "model.body".to_owned(),
-        (None, _) => "model".to_owned(),
+        (None, _) => models(scene),
         (Some(name), None) => format!("interface.{name}"),
         // Interfaces of zones have no key of their own; their keys are those of the zones.
         _ if scene.body.is_some() => "zone".to_owned(),
         _ => "interface".to_owned(),
+    }
+}
+
+/// Key of all models, or of the only one.
+fn models(scene: &LoweredScene) -> String {
+    let mut names = scene.model.keys();
+    match (names.next(), names.next()) {
+        (Some(name), None) => format!("model.{name}"),
+        _ if scene.body.is_some() => "model.body".to_owned(),
+        _ => "model".to_owned(),
     }
 }
