@@ -112,6 +112,9 @@ fn a_ratio_of_poisson_that_nothing_reads_is_warned_of() {
 /// Settings that make the scene odd, and a part of each resulting warning.
 type Case = (&'static [&'static str], &'static [&'static str]);
 
+/// A motion names its components.
+const AXES: &str = "support.0.components=[\"x\", \"y\", \"z\"]";
+
 const ODD: [Case; 23] = [
     (
         &[
@@ -164,19 +167,31 @@ const ODD: [Case; 23] = [
         ],
     ),
     (
-        &["support.0.motion={amplitude=0.5, time={ramp={duration=1.0}}}"],
+        &[
+            AXES,
+            "support.0.motion={amplitude=0.5, time={ramp={duration=1.0}}}",
+        ],
         &["support[0]: a motion of 5.000e-1 m is beyond model 'left'"],
     ),
     (
-        &["support.0.motion={amplitude=1e-3, time={ramp={duration=1e-8}}}"],
+        &[
+            AXES,
+            "support.0.motion={amplitude=1e-3, time={ramp={duration=1e-8}}}",
+        ],
         &["support[0]: a motion at 1.000e5 m/s is faster"],
     ),
     (
-        &["support.0.motion={amplitude=1e-3, time={table=[[0.0, 0.0], [1e-8, 1.0]]}}"],
+        &[
+            AXES,
+            "support.0.motion={amplitude=1e-3, time={table=[[0.0, 0.0], [1e-8, 1.0]]}}",
+        ],
         &["support[0]: a motion at 1.000e5 m/s is faster"],
     ),
     (
-        &["support.0.motion={speed=1.0, time={expression=\"1e5*cos(t)\"}}"],
+        &[
+            AXES,
+            "support.0.motion={speed=1.0, time={expression=\"1e5*cos(t)\"}}",
+        ],
         &[
             "support[0]: a motion at 1.000e5 m/s is faster",
             "model 'left': moves at 1.000e5 m/s",

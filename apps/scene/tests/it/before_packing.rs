@@ -141,7 +141,8 @@ fn what_a_model_cannot_tell_is_refused_before_packing() {
     let turn =
         format!("{ROCK}[probe.p]\nmodel = \"bar\"\nquantity = \"rotation\"\ncomponent = \"x\"\n{point}");
     refused(&turn, "probe.p", &["several nodes"]);
-    let clash = "[[support]]\nmodel = \"bar\"\nwhere = \"y-max\"\nmotion = { amplitude = 1e-6 }\n";
+    let clash = "[[support]]\nmodel = \"bar\"\nwhere = \"y-max\"\n\
+                 components = [\"x\", \"y\", \"z\"]\nmotion = { amplitude = 1e-6 }\n";
     refused(&format!("{ROCK}{clash}"), "support[1].where", &["support[0]"]);
 }
 

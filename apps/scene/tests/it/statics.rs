@@ -465,7 +465,7 @@ fn bodies_torn_apart_come_to_rest() {
     let grip = |far: f64| {
         format!(
             "[[support]]\nname = \"grip\"\nmodel = \"bar\"\nwhere = \"x-max\"\n\
-             motion = {{ amplitude = {far:e}, time.table = [[0.0, 0.0], [0.7, 1.0], [1.0, 1.0]] }}\n\
+             components = [\"x\", \"y\", \"z\"]\nmotion = {{ amplitude = {far:e}, time.table = [[0.0, 0.0], [0.7, 1.0], [1.0, 1.0]] }}\n\
              [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\""
         )
     };
