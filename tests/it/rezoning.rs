@@ -1,6 +1,11 @@
 //! Zones that move on the line: the table of docs/design/moving-zones.md.
 
-use arlequin::core::{Coupled, Error, Profile, Rezoning, Silent, Subdomain, TimeStep, Weights};
+use arlequin::core::effect::{BodyForce, EffectSpec, MassDamping};
+use arlequin::core::nalgebra::Vector3;
+use arlequin::core::{
+    Coupled, Error, Guard, OwnStep, PrescribedMotion, Profile, Rezoning, Silent, Subdomain, TimeFunction,
+    TimeStep, Weights,
+};
 use arlequin_studies::moving::{Account, BAR, CHAIN, H, Moving};
 
 /// Prints what a test measures, for the table in the docs.
@@ -335,4 +340,70 @@ fn a_step_that_new_weights_make_unstable_is_refused() {
         matches!(&refused, Err(Error::UnstableStep { model, .. }) if model == "chain"),
         "{refused:?}"
     );
+}
+
+/// The balance closes over changes of weights under a moving support, loads and damping, and with an implicit
+/// bar.
+#[test]
+fn the_ledger_closes_under_loads_and_supports_and_with_an_implicit_bar() {
+    let line = Moving {
+        cells: 60,
+        ..Moving::default()
+    };
+    let steps = [
+        ("explicit", OwnStep::Ratio(1), OwnStep::Ratio(1), 0.5),
+        ("own steps", OwnStep::Ratio(2), OwnStep::Ratio(6), 3.0),
+        ("implicit", OwnStep::Implicit, OwnStep::Ratio(30), 15.0),
+    ];
+    for (what, coarse_step, fine_step, dt) in steps {
+        let damped = coarse_step != OwnStep::Implicit;
+        let effects = || {
+            let mut out: Vec<Box<dyn EffectSpec<f64>>> =
+                vec![Box::new(BodyForce::new(Vector3::new(1e-3, 0.0, 0.0)).unwrap())];
+            // The implicit scheme takes dead loads only.
+            if damped {
+                out.push(Box::new(MassDamping::new(1e-3).unwrap()));
+            }
+            out
+        };
+        let with_effects =
+            |s: Subdomain<f64>| effects().into_iter().fold(s.with_sleep(), Subdomain::with_effect);
+        let (bar, chain) = line.models().unwrap();
+        let [coarse, fine] = Moving::weights(line.zone).unwrap();
+        let support = PrescribedMotion {
+            dofs: vec![0],
+            amplitude: 0.5,
+            time: TimeFunction::SmoothPulse { duration: 200.0 },
+        };
+        let [[bar_q, bar_v], [chain_q, chain_v]] = line.pulse(12.0 * H);
+        let bar = with_effects(Subdomain::coarse(bar, coarse)).with_support(support);
+        let chain = with_effects(Subdomain::fine(chain, fine));
+        let bodies = vec![
+            bar.with_step(coarse_step).with_initial(bar_q, bar_v).unwrap(),
+            chain.with_step(fine_step).with_initial(chain_q, chain_v).unwrap(),
+        ];
+        let guard = Guard {
+            interval: 1,
+            growth: 0.05,
+        };
+        let ties = Moving::interfaces(line.zone).unwrap();
+        let mut run = Coupled::new(bodies, ties, TimeStep::Seconds(dt), Some(guard)).unwrap();
+        let (mut moduli, mut scale) = (0.0, 0.0f64);
+        for n in 1..=12 {
+            run.run((15.0 / dt).ceil() as usize, &mut Silent).unwrap();
+            scale = scale.max(run.last_energy().unwrap().invariant);
+            let zone = line.zone.map(|x| x + H * f64::from(n));
+            let [coarse, fine] = Moving::weights(zone).unwrap();
+            let change = Rezoning::new(Moving::interfaces(zone).unwrap())
+                .with_weights(BAR, coarse)
+                .with_weights(CHAIN, fine);
+            let change = effects().into_iter().fold(change, |c, e| c.with_effect(BAR, e));
+            let change = effects().into_iter().fold(change, |c, e| c.with_effect(CHAIN, e));
+            moduli += run.rezone(change).unwrap().work.abs();
+        }
+        run.run(5, &mut Silent).unwrap();
+        println!("{what}: Σ|W| {:.1e} E, drift {:.1e}", moduli / scale, run.drift());
+        assert!(moduli > 1e-8 * scale && moduli < scale, "{what}: {moduli:e}");
+        assert!(run.drift() < 1e-11, "{what}: {:e}", run.drift());
+    }
 }
