@@ -7,7 +7,6 @@ pub mod branching;
 mod check;
 mod choices;
 mod claims;
-pub mod edge;
 pub mod kalthoff;
 mod solids;
 mod strength;
@@ -188,7 +187,7 @@ pub static CASES: [Case; 18] = [
 ];
 
 /// Benchmarks of fracture, which take minutes each: `arlequin verify --fracture`.
-pub static FRACTURE: [Case; 4] = [
+pub static FRACTURE: [Case; 3] = [
     cheap(
         "branching",
         "dynamic crack branching in soda-lime glass at 4 MPa, a straight crack at 2 MPa",
@@ -198,11 +197,6 @@ pub static FRACTURE: [Case; 4] = [
         "kalthoff",
         "plate struck between two notches: angle of the crack, whole struck edge",
         kalthoff::kalthoff,
-    ),
-    cheap(
-        "edge",
-        "edge-cracked bars: power of the strength over crack length, energy released at the peak",
-        edge::edge,
     ),
     cheap(
         "strip",
