@@ -7,7 +7,7 @@ use super::names::{effects_by_model, headline, model_index, model_indices};
 use super::shapes::ends;
 use super::{between, drive, load, places, probe, select, statics, time};
 use crate::error::{Result, key, unknown, value};
-use crate::setup::{LoweredModel, LoweredScene};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene};
 use crate::spec::{Axis, Effect, Quantity, Reading, Selection};
 use arlequin::core::nalgebra::Point3;
 use std::path::Path;
@@ -91,7 +91,7 @@ fn acting(scene: &LoweredScene) -> Result<()> {
         for (n, c) in s.components.iter().flatten().enumerate() {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
-        let one_way = table.shape.is_line();
+        let one_way = table.shape.is_line() || matches!(table.shape, BodyShape::Remote);
         if s.motion.is_some() && s.components.is_none() && !one_way {
             let rule = "is missing: a motion moves every component that it names by the same amount; name them, such as [\"x\"], \
                         and hold others by a support of their own";
