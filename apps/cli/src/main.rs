@@ -85,7 +85,7 @@ enum Command {
     },
     /// Measure Young's modulus and Poisson's ratio of packings over several seeds, or find the beams that
     /// give required values.
-    Calibrate(calibrate::Calibrate),
+    Calibrate(Box<calibrate::Calibrate>),
     /// Run the cases of the literature and compare with their numbers.
     Verify(verify::Args),
     /// Run a scene with many settings and compare error with time.
