@@ -225,7 +225,7 @@ fn the_commands_of_the_page_on_results_run() {
 
 #[test]
 fn the_commands_of_the_page_on_the_struck_plate_run() {
-    run_pages("kalthoff", 2);
+    run_pages("kalthoff", 1);
 }
 
 #[test]

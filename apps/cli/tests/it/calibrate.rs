@@ -310,25 +310,26 @@ fn bad_input_is_named() {
 /// the strip lost within 25 % of both in one small strip. A scene gives its fracture.
 #[test]
 fn a_strip_shows_its_toughness_in_three_ways() {
-    let flags = ["--box", "48e-3,16e-3,5e-3", "--spacing", "1e-3", "--seeds", "1"];
-    let wanted = ["--body-strength", "50e6", "--json"];
-    let report = json(&[&["calibrate", "--toughness"], &flags[..], &wanted[..]].concat());
+    let flags = "--toughness --box 48e-3,16e-3,5e-3 --spacing 1e-3 --seeds 1 --json";
+    let flags: Vec<&str> = flags.split(' ').collect();
+    let report = json(&[&["calibrate", "--body-strength", "50e6"], &flags[..]].concat());
     let value = |name: &str| number(&report, &format!("/toughness/{name}"));
     let [j, lost, theory] = ["j/mean", "lost/mean", "theory/mean"].map(value);
     assert!((j / theory - 1.0).abs() < 0.05, "{j} {theory}");
     assert!((lost / j - 1.0).abs() < 0.25, "{lost} {j}");
-    assert!((value("released/mean") / 8.0 - 1.0).abs() < 0.2);
-    assert!((value("difference") - (lost.max(j).max(theory) / lost.min(j).min(theory) - 1.0)).abs() < 1e-9);
+    assert!((value("released/mean") / 8.0 - 1.0).abs() < 0.25);
+    let spread = lost.max(j).max(theory) / lost.min(j).min(theory) - 1.0;
+    assert!((value("difference") - spread).abs() < 1e-9);
     // Spheres of 1 mm and 50 MPa do not go together.
-    let both = value("diameter_of_both");
-    let implied = value("tensile_strength");
-    assert!((both / value("diameter") - (implied / 50e6).powi(2)).abs() < 1e-9);
+    let both = value("diameter_of_both") / value("diameter");
+    let implied = value("tensile_strength") / 50e6;
+    assert!((both - implied * implied).abs() < 1e-9, "{both} {implied}");
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("cannot have"), "{warnings}");
-    // A scene has a fracture of its own: half the energy, at the root of half the elongation.
-    let strip = text(&scene("strip.toml")).to_owned();
-    let set = ["--set", "effect.0.fracture.gc=4.0", "--json"];
-    let half = json(&[&["calibrate", &strip, "--toughness"], &flags[..], &set[..]].concat());
+    // A scene has a fracture of its own.
+    let strip = scene("strip.toml");
+    let set = ["calibrate", text(&strip), "--set", "effect.0.fracture.gc=4.0"];
+    let half = json(&[&set[..], &flags[..]].concat());
     let of_half = |name: &str| number(&half, &format!("/toughness/{name}"));
     assert!((of_half("gc") - 4.0).abs() < 1e-12);
     assert!((of_half("bond_strength") / value("bond_strength") - 0.5).abs() < 1e-12);
@@ -336,37 +337,21 @@ fn a_strip_shows_its_toughness_in_three_ways() {
 
 #[test]
 fn what_shows_no_toughness_is_refused() {
-    for (flags, words) in [
+    let cases: [(&str, &str); 5] = [
+        ("--box 48e-3,24e-3,4e-3 --spacing 1e-3", "its length 2.9 heights"),
+        ("--box 48e-3,8e-3,4e-3 --spacing 1e-3", "its height must be 1.2"),
+        ("--box 48e-3,16e-3,2e-3 --spacing 1e-3", "its thickness 4.0"),
         (
-            &["--box", "48e-3,24e-3,4e-3", "--spacing", "1e-3"][..],
-            "its length 2.9 heights",
+            "--box 48e-3,16e-3,4e-3 --spacing 1e-3 --body-strength 0",
+            "--body-strength = 0",
         ),
-        (
-            &["--box", "48e-3,8e-3,4e-3", "--spacing", "1e-3"],
-            "its height must be 1.2",
-        ),
-        (
-            &["--box", "48e-3,16e-3,2e-3", "--spacing", "1e-3"],
-            "its thickness 4.0",
-        ),
-        (
-            &[
-                "--box",
-                "48e-3,16e-3,4e-3",
-                "--spacing",
-                "1e-3",
-                "--body-strength",
-                "-1",
-            ],
-            "--body-strength",
-        ),
-    ] {
-        let (error, code) = failure(&[&["calibrate", "--toughness"], flags].concat());
-        assert!(
-            code == Some(1) && error.replace('\n', " ").contains(words),
-            "{error}"
-        );
+        ("--periodic", "--periodic"),
+    ];
+    for (flags, wanted) in cases {
+        let flags: Vec<&str> = flags.split(' ').collect();
+        let (error, code) = failure(&[&["calibrate", "--toughness"], &flags[..]].concat());
+        // Messages are wrapped.
+        let error = error.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(code == Some(2) && error.contains(wanted), "{flags:?}: {error}");
     }
-    let (error, code) = failure(&["calibrate", "--toughness", "--periodic"]);
-    assert!(code == Some(2) && error.contains("--periodic"), "{error}");
 }

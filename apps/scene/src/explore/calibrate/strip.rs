@@ -83,9 +83,8 @@ pub(super) fn sample(
         let rule = "toughness is that of a strip: remove --periodic and --cylinder, or give --box";
         return Err(key(KEY, rule));
     }
-    if given.dem.file.is_some()
-        && (wanted.cuboid.is_none() || wanted.spacing.or(wanted.count.map(|_| 1.0)).is_none())
-    {
+    let sized = wanted.spacing.is_some() || wanted.count.is_some();
+    if given.dem.file.is_some() && !(wanted.cuboid.is_some() && sized) {
         let rule = "spheres of a file are no strip with a crack: give --box with --spacing";
         return Err(key(format!("{model_key}.dem.file"), rule));
     }
