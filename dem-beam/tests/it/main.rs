@@ -17,6 +17,7 @@ mod kernel;
 mod model;
 mod obstacle;
 mod packing;
+mod particle_strength;
 mod parts;
 mod recovery;
 mod screen;

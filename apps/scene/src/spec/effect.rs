@@ -254,6 +254,8 @@ pub enum CriterionKind {
     /// Elastic energy per section, in compression only that of bending and torsion, as far as the section is
     /// in tension.
     TensileEnergy,
+    /// Hydrostatic stress of a particle in tension; all bonds of the particle break at once.
+    Hydrostatic,
 }
 
 /// Contact between unbonded particles.
