@@ -431,6 +431,13 @@ pub trait Evolving<T: Real> {
     /// # Errors
     /// Any error of the model.
     fn evolve(&mut self, step: Evolution<'_, T>) -> Result<T>;
+
+    /// Returns whether the model would stay as it is at rest in the displacements `q`. As long as it does, a
+    /// linear model has equilibria that one system gives ([`crate::Coupled::settle`]). A model that cannot
+    /// tell returns `false`, as by default; all of its equilibria are relaxed.
+    fn stays(&self, _q: &[T]) -> bool {
+        false
+    }
 }
 
 /// An effect that a model would need but that is not switched on.

@@ -159,6 +159,11 @@ fn strengths(packing: &Packing, finite: bool, threads: usize) -> Result<(), Box<
             false,
         ),
         (
+            "hydrostatic",
+            Some(Fracture::new(Criterion::Hydrostatic, 500e6)),
+            false,
+        ),
+        (
             "rankine, strengths scatter",
             Some(Fracture {
                 scatter: Scatter::Weibull { modulus: 10.0 },

@@ -329,6 +329,11 @@ impl BondedParticles {
         self.scales[bond] = 0.0;
     }
 
+    /// Returns whether bond `b` has any stiffness.
+    pub(crate) fn carries(&self, bond: usize) -> bool {
+        self.scales[bond] > 0.0
+    }
+
     /// Number of particles.
     #[must_use]
     pub fn len(&self) -> usize {

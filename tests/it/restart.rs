@@ -146,12 +146,16 @@ fn a_restart_keeps_the_work_of_pair_effects() {
 
 #[test]
 fn a_restart_keeps_the_work_of_a_model_that_evolves() {
+    for (criterion, strength) in [(Criterion::Rankine, 100e6), (Criterion::Hydrostatic, 10e6)] {
+        evolving_work_is_kept(Fracture::new(criterion, strength));
+    }
+}
+
+fn evolving_work_is_kept(fracture: Fracture) {
     let build = || {
         let packing = lattice(Lattice::Cubic, [12, 2, 2], 1e-3).unwrap();
         let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-        let model = model
-            .with_fracture(Fracture::new(Criterion::Rankine, 100e6))
-            .unwrap();
+        let model = model.with_fracture(fracture).unwrap();
         let ends = [0.0, 1.0].map(|end| {
             let far = model
                 .nodes()

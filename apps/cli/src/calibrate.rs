@@ -79,7 +79,7 @@ pub(crate) struct Calibrate {
     #[arg(long)]
     strength: bool,
     /// When beams break [default: all criteria]
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength", value_parser = one_of::<CriterionKind>(&["axial", "rankine", "mises", "energy", "tensile-energy"]))]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "strength", value_parser = one_of::<CriterionKind>(&["axial", "rankine", "mises", "energy", "tensile-energy", "hydrostatic"]))]
     criterion: Vec<CriterionKind>,
     /// Strength of the beams [Pa]; ratios do not depend on it [default: 200e6]
     #[arg(long, value_name = "PASCAL", requires = "strength")]

@@ -96,6 +96,8 @@ pub struct Coupled<T: Real> {
     warnings_sent: usize,
     /// Matrix and factor of the last static solution.
     factored: Option<statics::Factored<T>>,
+    /// True once a direct solution was singular: the next load steps are relaxed too.
+    relaxes: bool,
 }
 
 impl<T: Real> Coupled<T> {

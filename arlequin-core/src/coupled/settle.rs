@@ -1,11 +1,13 @@
 //! Statics as a run: a sequence of equilibria, one for each instant.
 //!
-//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]). All
-//! others (contact, bonds that break, large rotations) are relaxed: the models move as in a run while time
+//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]), and so
+//! are models that change themselves (bonds that break) until their first change. All others (contact, large
+//! rotations) are relaxed: the models move as in a run while time
 //! stands still, and all velocities are set to zero whenever the kinetic energy has passed a maximum (kinetic
 //! damping, Cundall 1976). From one instant to the next, supports and loads change over [`Relaxation::ramp`]
 //! steps.
 
+use super::statics::Equilibrium;
 use super::{Coupled, portions};
 use crate::error::invalid;
 use crate::geometry::bounds_of;
@@ -52,8 +54,12 @@ pub struct Settled<T> {
 /// Steps between two evaluations of the residual while the kinetic energy passes no maximum.
 const LOOK: usize = 200;
 
+/// Halvings of a load step in which a model changes itself: the relaxation begins within 1/64 of the load step
+/// before the change.
+const BISECTIONS: usize = 6;
+
 impl<T: Real> Coupled<T> {
-    /// Returns `Ok` if the run can be solved directly, otherwise the reason why not.
+    /// Returns `Ok` if every equilibrium can be solved directly, otherwise the reason why not.
     pub fn solves_directly(&mut self) -> std::result::Result<(), String> {
         // A force between two models depends on their positions, which one linear system cannot know.
         if let Some(p) = self.pairs.first() {
@@ -65,6 +71,16 @@ impl<T: Real> Coupled<T> {
             }
         }
         Ok(())
+    }
+
+    /// Returns whether the run is solved directly until one of its models changes itself; none has yet.
+    pub fn solves_until_change(&mut self) -> bool {
+        let linear = |s: &mut Subdomain<T>| !s.has_changed() && s.not_linear().is_none();
+        // A free rigid motion makes the system singular; relaxed runs resist it by inertia.
+        self.pairs.is_empty()
+            && !self.relaxes
+            && self.subdomains.iter_mut().all(linear)
+            && self.free_motions().is_empty()
     }
 
     /// Moves the run to the equilibrium under the loads and prescribed displacements of `time` \[s\]. The
@@ -86,7 +102,11 @@ impl<T: Real> Coupled<T> {
         self.check_settling()?;
         let settled = match self.solves_directly() {
             // Not a fallback after a failure: models that cannot be solved directly are never tried.
-            Ok(()) => self.settle_directly(time)?,
+            Ok(()) => {
+                let equilibrium = self.equilibrium(time)?;
+                self.rest_in(&equilibrium, time)?
+            }
+            Err(_) if self.solves_until_change() => self.settle_until_change(from, time, how)?,
             Err(_) => self.relax(from, time, how)?,
         };
         self.time = time;
@@ -127,8 +147,51 @@ impl<T: Real> Coupled<T> {
         }
     }
 
-    fn settle_directly(&mut self, time: T) -> Result<Settled<T>> {
-        let equilibrium = self.equilibrium(time)?;
+    /// Solves directly if the models stay as they are; otherwise relaxes from shortly before their change.
+    fn settle_until_change(&mut self, from: T, time: T, how: &Relaxation<T>) -> Result<Settled<T>> {
+        match self.equilibrium(time) {
+            Ok(equilibrium) if self.stays_in(&equilibrium) => self.rest_in(&equilibrium, time),
+            Ok(_) => {
+                let start = self.approach_change(from, time)?;
+                self.relax(start, time, how)
+            }
+            // Parts of a model that nothing holds, such as loose grains, are known by the factor alone.
+            Err(Error::SingularSystem { .. }) => {
+                self.relaxes = true;
+                self.relax(from, time, how)
+            }
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Moves the run to an equilibrium shortly before a model changes itself on the way from one instant to
+    /// another, by bisection; returns its time.
+    fn approach_change(&mut self, from: T, time: T) -> Result<T> {
+        let [mut low, mut high] = [from, time];
+        let mut last = None;
+        for _ in 0..BISECTIONS {
+            let middle = (low + high) * T::of(0.5);
+            let equilibrium = self.equilibrium(middle)?;
+            if self.stays_in(&equilibrium) {
+                (low, last) = (middle, Some(equilibrium));
+            } else {
+                high = middle;
+            }
+        }
+        if let Some(equilibrium) = last {
+            self.rest_in(&equilibrium, low)?;
+        }
+        Ok(low)
+    }
+
+    /// Returns whether all models stay as they are in an equilibrium.
+    fn stays_in(&mut self, equilibrium: &Equilibrium<T>) -> bool {
+        let mut states = self.subdomains.iter_mut().zip(&equilibrium.displacements);
+        states.all(|(s, q)| s.stays(q))
+    }
+
+    /// Sets the run at rest in an equilibrium of the loads at `time` \[s\].
+    fn rest_in(&mut self, equilibrium: &Equilibrium<T>, time: T) -> Result<Settled<T>> {
         for (s, q) in self.subdomains.iter_mut().zip(&equilibrium.displacements) {
             s.set_at_rest(q, time)?;
         }

@@ -220,6 +220,7 @@ impl<T: Real> Coupled<T> {
             warnings: Vec::new(),
             warnings_sent: 0,
             factored: None,
+            relaxes: false,
         };
         announce(SetupPhase::Start);
         run.start()?;

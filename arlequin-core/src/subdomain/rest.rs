@@ -9,11 +9,17 @@ use crate::{Real, Result};
 impl<T: Real> Subdomain<T> {
     /// Returns the reason why the equilibrium is not the solution of one linear system; `None` if it is.
     pub(crate) fn not_direct(&mut self) -> Option<String> {
-        if self.is_external() {
-            return Some("it is a solver of its own".into());
-        }
         if self.model.evolving().is_some() {
             return Some("it changes itself as it moves".into());
+        }
+        self.not_linear()
+    }
+
+    /// Returns the reason why the equilibrium is not the solution of one linear system even while the model
+    /// stays as it is; `None` if it is.
+    pub(crate) fn not_linear(&mut self) -> Option<String> {
+        if self.is_external() {
+            return Some("it is a solver of its own".into());
         }
         if self.weights.weighting == Weighting::Nodal || self.model.views().linear.is_none() {
             return Some("its forces are not linear, or weighted at its nodes".into());
@@ -22,6 +28,16 @@ impl<T: Real> Subdomain<T> {
         let mut bound = self.effects.iter();
         let bound = bound.find(|e| !e.effect.is_dead() && e.effect.step_demand().stiffness > T::zero());
         bound.map(|e| format!("effect '{}' depends on positions", e.effect.name()))
+    }
+
+    /// Returns whether the model has changed itself since the start.
+    pub(crate) fn has_changed(&self) -> bool {
+        self.evolved.is_some_and(|e| e.work != T::zero())
+    }
+
+    /// Returns whether the model would stay as it is at rest in the displacements `q`.
+    pub(crate) fn stays(&mut self, q: &[T]) -> bool {
+        self.model.evolving().is_none_or(|model| model.stays(q))
     }
 
     /// Sets displacements at a time \[s\], with zero velocities and accelerations, and evaluates all forces

@@ -165,7 +165,9 @@ impl<T: Real> Forces<T> {
     /// Copies all forces on the nodes that waited in the last step.
     pub(super) fn copy_waiting(&self, layout: &DofLayout, out: &mut [T]) {
         let (moved, turned) = out.split_at_mut(layout.translations());
-        let (pushing, turning) = self.total().split_at(layout.translations().min(self.total().len()));
+        let (pushing, turning) = self
+            .total()
+            .split_at(layout.translations().min(self.total().len()));
         parallel::copy_flagged(moved, pushing, &self.waiting, layout.components);
         parallel::copy_flagged(turned, turning, &self.waiting, layout.rotations);
     }

@@ -30,6 +30,8 @@ pub enum Criterion {
     /// Elastic energy per section \[J/m²\] of a beam in tension; in compression its energy of bending and
     /// torsion, as far as the section is in tension.
     TensileEnergy,
+    /// Hydrostatic stress of a particle in tension \[Pa\]: all of its bonds break at once.
+    Hydrostatic,
 }
 
 /// Strength in tension \[Pa\] that a plain body of Young's modulus `young` \[Pa\] and fracture energy `gc`
@@ -106,6 +108,8 @@ impl Section {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Strain {
     length: f64,
+    /// Distance of the centres \[m\]: at rest under small rotations, else the present one.
+    distance: f64,
     axial: f64,
     twist: f64,
     a: Vector3<f64>,
@@ -113,6 +117,12 @@ pub(crate) struct Strain {
 }
 
 impl Strain {
+    /// Distance of the centres times the axial strain \[m\]: the trace of the virial over `E S`.
+    #[inline]
+    pub(crate) fn lever(&self) -> f64 {
+        self.distance * self.axial
+    }
+
     #[inline]
     pub(crate) fn linear(bond: &LinearBond, i: &Twist, j: &Twist) -> Self {
         let p = bond.axis;
@@ -120,8 +130,10 @@ impl Strain {
         let du = j.linear - i.linear;
         let chord = p.cross(&du);
         let across = |t: &Vector3<f64>| t - p * (p.dot(t) / q) - chord;
+        let length = q.sqrt().recip();
         Self {
-            length: q.sqrt().recip(),
+            length,
+            distance: length,
             axial: p.dot(&du),
             twist: p.dot(&(j.angular - i.angular)),
             a: across(&i.angular),
@@ -132,14 +144,15 @@ impl Strain {
     pub(crate) fn finite(bond: &LinearBond, i: &Pose, j: &Pose) -> Self {
         let Deformed {
             inverse,
+            length,
             n,
             stretch,
             t: [ti, tj],
             relative,
-            ..
         } = Deformed::new(bond, i, j);
         Self {
             length: 1.0 / inverse,
+            distance: length,
             axial: stretch * inverse,
             twist: 2.0 * n.dot(&relative.imag()) * inverse,
             a: ti - n * n.dot(&ti),
@@ -156,6 +169,12 @@ impl Criterion {
         matches!(self, Self::Energy | Self::TensileEnergy)
     }
 
+    /// Returns whether loads and strengths belong to particles; otherwise they belong to bonds.
+    #[must_use]
+    pub fn is_of_particles(self) -> bool {
+        self == Self::Hydrostatic
+    }
+
     /// Name in scenes and reports.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -165,6 +184,7 @@ impl Criterion {
             Self::Mises => "mises",
             Self::Energy => "energy",
             Self::TensileEnergy => "tensile-energy",
+            Self::Hydrostatic => "hydrostatic",
         }
     }
 
@@ -178,7 +198,7 @@ impl Criterion {
     }
 
     /// Load of every bond of a body \[Pa, or J/m² where [`Self::is_energy`]\], unweighted and including
-    /// broken bonds.
+    /// broken bonds. For a criterion of particles it is the axial stress.
     ///
     /// `q` is a state of the small-rotation law: `3 n` displacements \[m\], then `3 n` rotations \[rad\].
     ///
@@ -208,6 +228,7 @@ impl Criterion {
         };
         let parts = match self {
             Self::Axial => return BreakMode::Tension,
+            Self::Hydrostatic => return along,
             Self::Energy | Self::TensileEnergy => {
                 let k = &s.rigidity;
                 let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
@@ -262,11 +283,12 @@ impl Criterion {
         Self::Energy.value(s, &bent) * (tension / whole).powi(2)
     }
 
-    /// Load to be compared with the strength \[Pa, or J/m²\].
+    /// Load to be compared with the strength of a bond \[Pa, or J/m²\]; for a criterion of particles, the
+    /// stress that the bond contributes.
     #[inline]
     pub(crate) fn value(self, s: &Section, e: &Strain) -> f64 {
         let normal = s.young * e.axial;
-        if self == Self::Axial {
+        if matches!(self, Self::Axial | Self::Hydrostatic) {
             return normal;
         }
         let twist = e.twist;

@@ -21,6 +21,7 @@
 //! mises    sqrt((|sigma_N| + sigma_M)^2 + 3 tau^2)                            breaks in compression as well
 //! energy   U/S, elastic energy of the bond per section [J/m²]
 //! tensile-energy    U/S for sigma_N >= 0, else (U_M + U_T)/S (s(sigma_N)/s(0))^2
+//! hydrostatic       tr(sigma_i)/3 of a particle, all of whose bonds then break
 //! ```
 //!
 //! `U_M` and `U_T` are the energies of bending and torsion, and `s(sigma_N)` is the tension of `rankine`.
@@ -35,8 +36,10 @@
 
 mod cracks;
 pub(crate) mod criterion;
+pub(crate) mod particles;
 pub(crate) mod parts;
 mod scatter;
+mod search;
 pub(crate) mod state;
 
 pub use cracks::CRACK;

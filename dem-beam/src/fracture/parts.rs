@@ -42,19 +42,19 @@ pub(crate) struct Parts {
 pub(super) type GhostStates = (Vec<[f64; 7]>, Vec<[f64; 6]>);
 
 impl FractureState {
-    /// State for a part of a body whose bonds are all whole.
+    /// State for a part of a body whose bonds are all whole, with the volumes \[m³\] of the owned particles.
     pub(crate) fn new_in_part(
         spec: Fracture,
-        body: &BondedParticles,
+        (body, volumes): (&BondedParticles, &[f64]),
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
         writing(&log).begin(numbered.total);
-        Self::for_part(spec, body, log, (halo, numbered))
+        Self::for_part(spec, (body, volumes), log, (halo, numbered))
     }
 
     /// Restricts the state to a part of the body; broken bonds stay broken.
-    pub(crate) fn part(self, body: &BondedParticles, numbering: (&Halo, &Numbered)) -> Self {
+    pub(crate) fn part(self, body: (&BondedParticles, &[f64]), numbering: (&Halo, &Numbered)) -> Self {
         let mut out = Self::for_part(self.spec, body, self.log.clone(), numbering);
         if self.is_plain() {
             out.check_plainly();
@@ -74,12 +74,12 @@ impl FractureState {
 
     fn for_part(
         spec: Fracture,
-        body: &BondedParticles,
+        (body, volumes): (&BondedParticles, &[f64]),
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
-        let owned = body.len() - halo.ghosts().len();
-        let mut out = Self::with_owned(spec, body, owned, log);
+        let owned = volumes.len();
+        let mut out = Self::with_owned(spec, body, volumes, log);
         writing(&out.log).number(&numbered.bonds);
         let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= owned);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
@@ -100,6 +100,17 @@ impl Parts {
     /// Collective.
     pub(super) fn any_breaks(&self, now: &[u32]) -> arlequin_core::Result<bool> {
         self.halo.owned().any(!now.is_empty())
+    }
+
+    /// Adds to the breaking bonds of this rank those that break on other ranks. Collective.
+    pub(super) fn share_breaks(&self, now: &mut Vec<u32>) -> arlequin_core::Result<()> {
+        let is_cross = |b: &&u32| self.cross.binary_search(b).is_ok();
+        let sent = now.iter().filter(is_cross);
+        let sent = sent.map(|b| i64::from(self.numbers[*b as usize])).collect();
+        let received = self.halo.owned().all_gather(sent)?;
+        let local = received.into_iter().filter_map(|b| self.local_bond(b as u32));
+        now.extend(local.map(|b| b as u32));
+        Ok(())
     }
 
     /// Local bonds that have a ghost.

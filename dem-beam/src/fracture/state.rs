@@ -1,8 +1,10 @@
 //! Breaking of the bonds of one model.
 
 use super::criterion::{Section, Strain};
+use super::particles::ParticleStrengths;
 use super::parts::{GhostStates, Parts};
-use super::{Break, Fracture, Scatter, SharedLog, locked, writing};
+use super::search::CHUNK;
+use super::{Break, Fracture, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
 use crate::kernel::lanes::LANES;
@@ -13,14 +15,7 @@ use arlequin_core::Evolution;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Bonds per unit of parallel work.
-const CHUNK: usize = 1_024;
-
-/// Number of bonds above which a second thread pays for its wake-up.
-const LARGE: usize = 4 * CHUNK;
 
 /// Strengths and working buffers of a model whose bonds can break.
 #[derive(Debug)]
@@ -30,12 +25,15 @@ pub(crate) struct FractureState {
     /// Bonds of every particle.
     pub(crate) adjacency: Arc<Adjacency<[u32; 2]>>,
     section: Section,
-    /// Strength of each bond; infinite for broken and spared bonds.
-    strength: Vec<f64>,
-    flags: Vec<bool>,
+    /// Strength of each bond; infinite for broken and spared bonds. Under a criterion of particles, only
+    /// whether it is finite counts.
+    pub(super) strength: Vec<f64>,
+    /// Strengths of the particles under a criterion of particles.
+    pub(super) particles: Option<ParticleStrengths>,
+    pub(super) flags: Vec<bool>,
     /// Bonds that break in this step; see [`Self::find`].
     pub(crate) now: Vec<u32>,
-    wait: usize,
+    pub(super) wait: usize,
     /// Screen inside the force kernel; `None` if bonds must be compared one by one.
     screen: Option<Screen>,
     plainly: bool,
@@ -43,10 +41,10 @@ pub(crate) struct FractureState {
     first_slots: Vec<u32>,
     /// Marks of blocks in which a bond may have reached its strength, and whether they belong to the current
     /// positions.
-    marks: Vec<bool>,
-    fresh: bool,
-    /// Bonds of marked blocks.
-    suspects: Vec<u32>,
+    pub(super) marks: Vec<bool>,
+    pub(super) fresh: bool,
+    /// Bonds, or particles, of marked blocks.
+    pub(super) suspects: Vec<u32>,
     /// Number of owned particles; the others are ghosts.
     pub(super) owned: usize,
     /// Data about the whole body, if it is partitioned.
@@ -54,14 +52,20 @@ pub(crate) struct FractureState {
 }
 
 impl FractureState {
-    pub(crate) fn new(spec: Fracture, body: &BondedParticles, log: SharedLog) -> Self {
+    /// Returns the state of a body of particles of these volumes \[m³\].
+    pub(crate) fn new(spec: Fracture, body: &BondedParticles, volumes: &[f64], log: SharedLog) -> Self {
         writing(&log).begin(body.pairs().len());
-        Self::with_owned(spec, body, body.len(), log)
+        Self::with_owned(spec, body, volumes, log)
     }
 
-    /// Like [`Self::new`], with only the first `owned` particles owned.
-    pub(super) fn with_owned(spec: Fracture, body: &BondedParticles, owned: usize, log: SharedLog) -> Self {
-        let bonds = body.pairs().len();
+    /// Like [`Self::new`]; only the particles that `volumes` has are owned.
+    pub(super) fn with_owned(
+        spec: Fracture,
+        body: &BondedParticles,
+        volumes: &[f64],
+        log: SharedLog,
+    ) -> Self {
+        let (bonds, owned) = (body.pairs().len(), volumes.len());
         let blocks = owned.div_ceil(LANES);
         let mut out = Self {
             spec,
@@ -69,7 +73,8 @@ impl FractureState {
             adjacency: body.adjacency(),
             section: Section::new(body.rigidity()),
             strength: (0..bonds).map(|b| strength_of(&spec, body, b)).collect(),
-            flags: vec![false; bonds.div_ceil(CHUNK)],
+            particles: ParticleStrengths::new(&spec, body, volumes),
+            flags: vec![false; bonds.max(owned).div_ceil(CHUNK)],
             now: Vec::with_capacity(64),
             wait: 0,
             screen: None,
@@ -92,7 +97,13 @@ impl FractureState {
         let length = |b: crate::bond::LinearBond| 1.0 / b.axis.norm();
         let lengths = body.bonds().map(length);
         let (least, most) = lengths.fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l), b.max(l)));
-        self.screen = Screen::new(self.spec.criterion, self.section, &self.strength, [least, most]);
+        // Infinite strengths of spared bonds are no limits of particles.
+        let of_particles = [self.spec.strength];
+        let strengths = match self.particles {
+            Some(_) => &of_particles[..],
+            None => &self.strength,
+        };
+        self.screen = Screen::new(self.spec.criterion, self.section, strengths, [least, most]);
         // Numbers slots as the kernel does: a block has as many as its particle with most bonds.
         let mut slots = 0;
         for (b, first) in self.first_slots.iter_mut().enumerate() {
@@ -100,11 +111,11 @@ impl FractureState {
             let particles = b * LANES..self.owned.min((b + 1) * LANES);
             slots += particles.map(|i| self.adjacency.row(i).len()).max().unwrap_or(0) as u32;
         }
-        // Only then do strengths differ between bonds; one limit for all needs no memory traffic.
-        if self.spec.scatter != Scatter::None || self.spec.spare_overlap {
+        // One limit for all needs no memory traffic.
+        if self.spec.has_own_limits() {
             self.screen = self.screen.take().map(|s| s.with_ratios(slots as usize));
             let blocks: Vec<usize> = (0..self.first_slots.len()).collect();
-            self.follow(&blocks, &|_| true);
+            self.follow(&blocks, body, &|_| true);
         }
     }
 
@@ -116,16 +127,21 @@ impl FractureState {
 
     /// Writes the limits of the bonds of `blocks` in the order in which the kernel stores them. Bonds for
     /// which `whole` is false are left out.
-    pub(crate) fn follow(&mut self, blocks: &[usize], whole: &dyn Fn(usize) -> bool) {
+    pub(crate) fn follow(&mut self, blocks: &[usize], body: &BondedParticles, whole: &dyn Fn(usize) -> bool) {
         let Some(screen) = &mut self.screen else { return };
         for &block in blocks {
             let first = self.first_slots[block] as usize;
             let particles = block * LANES..((block + 1) * LANES).min(self.owned);
             for (lane, i) in particles.enumerate() {
                 let bonds = self.adjacency.row(i);
-                let whole_bonds = bonds.iter().map(|e| e[1] as usize).filter(|b| whole(*b));
+                let whole_bonds = bonds.iter().map(|e| e.map(|k| k as usize));
+                let limit = |e: [usize; 2]| match &self.particles {
+                    Some(particles) => particles.half_bond(i, e, body),
+                    None => self.strength[e[1]],
+                };
                 let strengths = whole_bonds
-                    .map(|b| self.strength[b])
+                    .filter(|e| whole(e[1]))
+                    .map(limit)
                     .chain(std::iter::repeat(f64::INFINITY));
                 for (slot, strength) in strengths.take(bonds.len()).enumerate() {
                     screen.set(first + slot, lane, strength);
@@ -144,28 +160,29 @@ impl FractureState {
 
     /// Returns whether the force kernel marks the blocks of all bonds that break, and of both of their ends.
     pub(crate) fn is_screened(&self) -> bool {
-        // Blocks of other ranks are marked there.
-        self.screen.is_some() && self.parts.is_none()
+        // Blocks of other ranks are marked there. A particle that breaks does not mark its neighbours' blocks.
+        self.screen.is_some() && self.parts.is_none() && self.particles.is_none()
     }
 
-    /// Makes whole bonds for which `inside` is true unbreakable and the others breakable, if the
-    /// specification spares overlaps.
+    /// Follows new weights: makes whole bonds for which `inside` is true unbreakable and the others breakable,
+    /// if the specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
-        if !self.spec.spare_overlap {
-            return;
-        }
-        let log = locked(&self.log);
-        for (b, strength) in self.strength.iter_mut().enumerate() {
-            if !log.is_broken_here(b) {
-                *strength = if inside(b) {
-                    f64::INFINITY
-                } else {
-                    strength_of(&self.spec, body, b)
-                };
+        if self.spec.spare_overlap {
+            let log = locked(&self.log);
+            for (b, strength) in self.strength.iter_mut().enumerate() {
+                if !log.is_broken_here(b) {
+                    *strength = if inside(b) {
+                        f64::INFINITY
+                    } else {
+                        strength_of(&self.spec, body, b)
+                    };
+                }
             }
         }
-        drop(log);
-        self.set_up_screen(body);
+        // Bonds without weight have no part in the stress of a particle.
+        if self.spec.spare_overlap || self.particles.is_some() {
+            self.set_up_screen(body);
+        }
     }
 
     /// Writes the steps since the last check as first integer, then the log.
@@ -210,7 +227,7 @@ impl FractureState {
         true
     }
 
-    fn strain(body: &BondedParticles, reader: &Reader<'_>, b: usize) -> Strain {
+    pub(super) fn strain(body: &BondedParticles, reader: &Reader<'_>, b: usize) -> Strain {
         let [i, j] = body.pairs()[b].map(|i| i as usize);
         let bond = body.bond(b);
         match reader.poses([i, j]) {
@@ -219,7 +236,7 @@ impl FractureState {
         }
     }
 
-    /// Load of a bond over its strength \[–\].
+    /// Load of a bond over its strength \[–\] under a criterion of bonds.
     #[inline]
     pub(crate) fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
         let strain = Self::strain(body, reader, b);
@@ -230,111 +247,6 @@ impl FractureState {
     pub(crate) fn local_bond(&self, bond: u32) -> Option<usize> {
         let parts = self.parts.as_ref();
         parts.map_or(Some(bond as usize), |p| p.local_bond(bond))
-    }
-
-    /// Largest load over strength of all whole bonds, and the number of bonds at or above one. In a
-    /// partitioned body, counts the bonds whose first particle this rank owns.
-    pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
-        let is_owned = |b: &usize| (body.pairs()[*b][0] as usize) < self.owned;
-        let bonds = (0..body.pairs().len()).filter(is_owned);
-        bonds.fold((0.0, 0), |(top, count), b| {
-            let r = self.ratio(body, reader, b);
-            (f64::max(top, r), count + usize::from(r >= 1.0))
-        })
-    }
-
-    /// Fills [`Self::now`] with the bonds that reach their strength, in ascending order. Returns whether
-    /// bonds were checked in this step.
-    ///
-    /// If the force kernel has screened the current positions, only the bonds of marked blocks are compared.
-    pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {
-        self.now.clear();
-        self.wait += 1;
-        if self.wait < self.spec.every {
-            return false;
-        }
-        self.wait = 0;
-        writing(&self.log).checked();
-        let mut suspects = std::mem::take(&mut self.suspects);
-        if std::mem::take(&mut self.fresh) {
-            self.suspect(&mut suspects);
-            self.compare(body, reader, suspects.len(), |k| suspects[k] as usize);
-        } else {
-            self.compare(body, reader, body.pairs().len(), |k| k);
-        }
-        self.suspects = suspects;
-        true
-    }
-
-    /// Lists the bonds of marked blocks, each once, in ascending order.
-    fn suspect(&self, suspects: &mut Vec<u32>) {
-        suspects.clear();
-        for block in (0..self.marks.len()).filter(|b| self.marks[*b]) {
-            for i in block * LANES..((block + 1) * LANES).min(self.owned) {
-                for &[neighbour, bond] in self.adjacency.row(i) {
-                    let neighbour = neighbour as usize;
-                    // A bond between two marked blocks is taken from its first end. Ghosts are in no block
-                    // here.
-                    if neighbour > i || !self.marks[neighbour / LANES] {
-                        suspects.push(bond);
-                    }
-                }
-            }
-        }
-        suspects.sort_unstable();
-    }
-
-    /// Compares `count` bonds; the `k`-th of them is `bond(k)`.
-    fn compare(
-        &mut self,
-        body: &BondedParticles,
-        reader: &Reader<'_>,
-        count: usize,
-        bond: impl Fn(usize) -> usize + Sync,
-    ) {
-        let (mut flags, mut now) = (std::mem::take(&mut self.flags), std::mem::take(&mut self.now));
-        let range = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(count);
-        let breaks = |k: &usize| self.ratio(body, reader, bond(*k)) >= 1.0;
-        let look = |(c, flag): (usize, &mut bool)| *flag = range(c).any(|k| breaks(&k));
-        let chunks = &mut flags[..count.div_ceil(CHUNK)];
-        // Threads only flag chunks: the list of breaks is then filled in one order, whatever their number.
-        if count > LARGE && rayon::current_num_threads() > 1 {
-            chunks.par_iter_mut().enumerate().for_each(look);
-        } else {
-            chunks.iter_mut().enumerate().for_each(look);
-        }
-        for c in (0..count.div_ceil(CHUNK)).filter(|c| flags[*c]) {
-            now.extend(range(c).filter(breaks).map(|k| bond(k) as u32));
-        }
-        (self.now, self.flags) = (now, flags);
-    }
-
-    /// Returns whether any bond of the whole body breaks now. [`Self::now`] then lists the breaking bonds of
-    /// this rank. `parts` is that of a partitioned body. Collective.
-    pub(crate) fn find_everywhere(
-        &mut self,
-        body: &BondedParticles,
-        reader: &Reader<'_>,
-        parts: Option<&Parts>,
-    ) -> arlequin_core::Result<bool> {
-        // The interval of checks is the same on all ranks: all of them check, or none.
-        if !self.find(body, reader) {
-            return Ok(false);
-        }
-        let Some(parts) = parts else {
-            return Ok(!self.now.is_empty());
-        };
-        if !parts.any_breaks(&self.now)? {
-            return Ok(false);
-        }
-        // A bond may break by the moment at an end that another rank owns and screened.
-        let cross = parts.cross().iter().copied();
-        let missed = cross.filter(|b| self.ratio(body, reader, *b as usize) >= 1.0);
-        let missed: Vec<u32> = missed.collect();
-        self.now.extend(missed);
-        self.now.sort_unstable();
-        self.now.dedup();
-        Ok(true)
     }
 
     /// Removes the bonds of [`Self::now`] from the balance of the owned particles and logs the breaks of the

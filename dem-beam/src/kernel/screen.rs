@@ -14,9 +14,13 @@
 //! mises     |N| + B >= sqrt(s^2 - 3 tau^2)
 //! energy    U >= s S
 //! tensile-energy    U >= s S, with max(e, 0) in place of e
+//! hydrostatic       Σ l (l - l0)/L >= 1 over the bonds of a particle
 //! ```
 //!
-//! The last line is an upper bound of the exact load. The exact load is equal to it in tension, and in
+//! A particle breaks if one bond alone has `l (l - l0) = L`
+//! ([`crate::fracture::particles::ParticleStrengths::half_bond`]).
+//!
+//! The line of `tensile-energy` is an upper bound of the exact load. The exact load is equal to it in tension, and in
 //! compression is a share of the energy of bending and torsion.
 //!
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root. All terms are divided by the lowest strength
@@ -53,7 +57,7 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// Makes a screen from the `strengths` of all bonds \[Pa or J/m²\] and the smallest and largest of their
+    /// Makes a screen from the `strengths` of all bonds or particles \[Pa or J/m²\] and the smallest and largest of their
     /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
     pub(crate) fn new(
         criterion: Criterion,
@@ -89,10 +93,10 @@ impl Screen {
         self
     }
 
-    /// Writes the strength of the half-bond in a lane of a slot, if limits differ.
+    /// Writes the strength of the half-bond in a lane of a slot, if limits differ; under a criterion of
+    /// particles, its limit `L` \[m²\].
     pub(crate) fn set(&mut self, slot: usize, lane: usize, strength: f64) {
         if let Some(row) = self.ratios.as_mut().and_then(|e| e.get_mut(slot)) {
-            // No strength is below the lowest, so ratios are at most one.
             row.0[lane] = self.limit / ((1.0 - MARGIN) * strength);
         }
     }
@@ -106,6 +110,8 @@ pub(crate) struct Test<L: Lanes> {
     zero: L::V,
     two: L::V,
     three: L::V,
+    /// Inverse of the limit.
+    inverse: L::V,
     /// `E`, `(2 E r_b)^2` (half moments are compared), `(G r_b)^2`.
     young: L::V,
     bend: L::V,
@@ -136,6 +142,7 @@ impl<L: Lanes> Test<L> {
             zero: l.splat(0.0),
             two: l.splat(2.0),
             three: l.splat(3.0),
+            inverse: l.splat(stress),
             young: l.splat(young * stress),
             bend: l.splat(bend * bend),
             shear: l.splat(shear * shear),
@@ -190,7 +197,8 @@ impl<L: Lanes> Test<L> {
 
 /// A law whose bonds can be screened for strength.
 pub(crate) trait Screened: Posed {
-    /// Returns values above zero where a half-bond may have reached its limit.
+    /// Returns values above zero where a half-bond may have reached its limit; for a criterion of particles,
+    /// the shares of the limits of the particles that the half-bonds take.
     fn excess<L: Lanes>(
         l: L,
         k: &Rigidity<L>,
@@ -217,6 +225,10 @@ impl Screened for Linear {
         ratio: Option<L::V>,
     ) -> L::V {
         let d: Vec3<L> = load3(l, &slot.span);
+        if matches!(t.criterion, Criterion::Hydrostatic) {
+            let taken = l.mul(l.mul(t.inverse, k.step), dot(l, d, du));
+            return t.scaled(l, taken, ratio);
+        }
         // `n/l`, and zero in empty lanes.
         let per = l.mul(k.per_step, l.recip(l.max(dot(l, d, d), k.one)));
         let p = scale(l, d, per);
@@ -271,6 +283,10 @@ impl Screened for Finite {
     ) -> L::V {
         let rest_length = near.rest_length;
         let (n, stretch) = (near.n, near.stretch);
+        if matches!(t.criterion, Criterion::Hydrostatic) {
+            let length = l.add(rest_length, stretch);
+            return t.scaled(l, l.mul(t.inverse, l.mul(length, stretch)), ratio);
+        }
         if matches!(t.criterion, Criterion::Axial) {
             return l.sub(t.scaled(l, l.mul(t.young, stretch), ratio), rest_length);
         }
@@ -333,7 +349,8 @@ fn squared<L: Lanes>(l: L, ratio: Option<L::V>) -> Option<L::V> {
     }
 }
 
-/// Collects the largest excess in each block and marks blocks in which it is positive.
+/// Collects the largest excess in each block, or the sums of the shares of its particles less one, and marks
+/// blocks in which it is positive.
 pub(crate) struct StrengthCheck<'a, L: Lanes> {
     l: L,
     test: Test<L>,
@@ -361,8 +378,11 @@ impl<'a, L: Lanes> StrengthCheck<'a, L> {
 impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     #[inline(always)]
     fn begin(&mut self, particles: &W::Ready<L>) {
-        // Positive for particles with rotations too large for the squares: their block is always marked.
-        self.worst = self.l.sub(W::turn(self.l, particles), self.turn);
+        self.worst = match self.test.criterion {
+            Criterion::Hydrostatic => self.l.sub(self.test.zero, self.test.one),
+            // Positive for particles with rotations too large for the squares: their block is always marked.
+            _ => self.l.sub(W::turn(self.l, particles), self.turn),
+        };
     }
 
     #[inline(always)]
@@ -381,7 +401,10 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
             None => None,
         };
         let excess = W::excess(l, k, &self.test, slot, particles, near, ratio);
-        self.worst = l.max(excess, self.worst);
+        self.worst = match self.test.criterion {
+            Criterion::Hydrostatic => l.add(self.worst, excess),
+            _ => l.max(excess, self.worst),
+        };
     }
 
     #[inline(always)]

@@ -36,9 +36,10 @@ impl DemModel {
 
     /// Returns the fracture state of the body, or of a rank's part of it, with all bonds unbroken.
     fn breaking(&self, spec: Fracture, log: SharedLog) -> FractureState {
+        let volumes = self.volumes();
         match self.halo.as_ref().zip(self.numbered.as_ref()) {
-            Some(part) => FractureState::new_in_part(spec, &self.body, log, part),
-            None => FractureState::new(spec, &self.body, log),
+            Some(part) => FractureState::new_in_part(spec, (&self.body, &volumes), log, part),
+            None => FractureState::new(spec, &self.body, &volumes, log),
         }
     }
 
@@ -139,7 +140,8 @@ impl DemModel {
         let Some(place) = self.halo.as_ref().zip(self.numbered.as_ref()) else {
             return;
         };
-        let part = |state: FractureState| state.part(&self.body, place);
+        let volumes = self.volumes();
+        let part = |state: FractureState| state.part((&self.body, &volumes), place);
         self.watched = self.watched.take().map(part);
         self.fracture = self.fracture.take().map(part);
         self.spare_overlap();
@@ -165,7 +167,7 @@ impl DemModel {
         let (body, is_unbroken) = (&self.body, |b: usize| !log.is_broken_here(b));
         let kernel = self.kernel.get_or_build(body, self.halo.as_ref());
         kernel.refresh(&blocks, body, &fracture.adjacency, &is_unbroken);
-        fracture.follow(&blocks, &is_unbroken);
+        fracture.follow(&blocks, body, &is_unbroken);
         blocks
     }
 

@@ -467,6 +467,10 @@ impl Evolving<f64> for DemModel {
     fn evolve(&mut self, step: Evolution<'_, f64>) -> arlequin_core::Result<f64> {
         self.break_bonds(step)
     }
+
+    fn stays(&self, q: &[f64]) -> bool {
+        self.load(q) < 1.0
+    }
 }
 
 impl Watching<f64> for DemModel {

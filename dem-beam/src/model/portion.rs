@@ -100,7 +100,7 @@ impl DemModel {
         self.inertia = owned.iter().map(|i| self.inertia[*i]).collect();
         self.order = owned.iter().map(|i| self.order[*i]).collect();
         self.places = Vec::new();
-        let samples = self.field_samples();
+        let samples = self.volumes();
         let volumes: Vec<f64> = owned.iter().map(|i| samples[*i]).collect();
         self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
         self.kernel.renew();
@@ -116,8 +116,8 @@ impl DemModel {
         Ok(())
     }
 
-    /// Returns the volume that each particle stands for \[m³\].
-    fn field_samples(&self) -> Vec<f64> {
+    /// Returns the volume that each owned particle stands for \[m³\].
+    pub(super) fn volumes(&self) -> Vec<f64> {
         let samples = self.field.samples().unwrap_or_default();
         samples.iter().map(|s| s.measure).collect()
     }

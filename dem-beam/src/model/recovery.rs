@@ -23,6 +23,7 @@
 use super::DemModel;
 use super::poses::Reader;
 use crate::finite;
+use crate::fracture::state::FractureState;
 use crate::fracture::{BreakLog, locked};
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::{
@@ -61,6 +62,24 @@ impl DemModel {
             weight if weight > 0.0 => reader.energy(&self.body, b) / weight,
             _ => 0.0,
         }
+    }
+
+    /// Returns the loads over strength of all particles, ghosts included, under a criterion of particles;
+    /// nothing under one of bonds. Collective.
+    fn particle_loads(&self, fracture: &FractureState, reader: &Reader<'_>) -> Vec<f64> {
+        let load = |i| fracture.particle_load(&self.body, reader, i);
+        let mut out: Vec<f64> = (0..self.nodes.len()).map_while(load).collect();
+        if let Some(halo) = self
+            .halo
+            .as_ref()
+            .filter(|_| fracture.spec.criterion.is_of_particles())
+        {
+            let mut ghosts = vec![f64::NAN; halo.ghosts().len()];
+            // The run reports an error between ranks ([`arlequin_core::Owned::check_communication`]).
+            let _ = halo.exchange(&mut halo.messages(1), |i| [out[i]], |g, [x]| ghosts[g] = x);
+            out.append(&mut ghosts);
+        }
+        out
     }
 
     /// Returns the bonds of every particle, broken ones included.
@@ -126,15 +145,16 @@ impl Links<f64> for DemModel {
             ..self.reader(q)
         };
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
+        let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
         let link_force = |b: usize| {
             let gone = broken.is_broken_here(b);
-            let utilisation = strength.map(|f| {
-                if gone {
-                    0.0
-                } else {
-                    f.ratio(&self.body, &reader, b)
-                }
+            // A bond breaks with the particle of the larger load.
+            let of_ends = || self.body.pairs()[b].map(|i| loads.get(i as usize).copied());
+            let utilisation = strength.map(|f| match (gone, of_ends()) {
+                (true, _) => 0.0,
+                (_, [Some(i), Some(j)]) => i.max(j),
+                _ => f.ratio(&self.body, &reader, b),
             });
             let [span, force] = if gone {
                 [Vector3::zeros(); 2]

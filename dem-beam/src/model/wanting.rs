@@ -66,7 +66,7 @@ impl DemModel {
         })
     }
 
-    /// Finds bonds loaded above a strength in a run without fracture.
+    /// Finds bonds or particles loaded above a strength in a run without fracture.
     fn overloaded(&self, q: &[f64]) -> Option<Finding> {
         let watched = self.watched.as_ref()?;
         let ghosts = self.receive_ghosts(q);
@@ -76,10 +76,14 @@ impl DemModel {
         };
         let (top, count) = watched.peak(&self.body, &reader);
         let (count, top) = self.on_all_ranks(count, top);
+        let what = match watched.spec.criterion.is_of_particles() {
+            true => "particles",
+            false => "bonds",
+        };
         (count > 0).then(|| Finding {
             effect: "fracture",
             message: format!(
-                "{count} bonds are loaded above their strength, up to {top:.2} times: switch fracture on"
+                "{count} {what} are loaded above their strength, up to {top:.2} times: switch fracture on"
             ),
         })
     }

@@ -17,6 +17,7 @@ mod loaded_stride;
 mod model;
 mod obstacle;
 mod packing;
+mod particle_strength;
 mod parts;
 mod recovery;
 mod screen;

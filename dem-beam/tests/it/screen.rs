@@ -61,6 +61,7 @@ fn marked_blocks_hold_every_bond_that_breaks() {
         (Criterion::Mises, 900e6),
         (Criterion::Energy, 80.0),
         (Criterion::TensileEnergy, 40.0),
+        (Criterion::Hydrostatic, 100e6),
     ];
     for (k, (criterion, strength)) in strengths.into_iter().enumerate() {
         for finite in [false, true] {

@@ -86,7 +86,7 @@ fn results_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Res
     (bits(s.model(), &[&s.state().q, &s.state().v, &s.state().a]), sums)
 }
 
-fn cases() -> [Case; 4] {
+fn cases() -> [Case; 6] {
     let spec = |criterion, strength| Fracture {
         scatter: Scatter::Weibull { modulus: 5.0 },
         ..Fracture::new(criterion, strength)
@@ -98,6 +98,7 @@ fn cases() -> [Case; 4] {
         weighted: false,
     };
     let rankine = spec(Criterion::Rankine, 1.2e9);
+    let particles = spec(Criterion::Hydrostatic, 150e6);
     [
         case(rankine),
         Case {
@@ -120,6 +121,16 @@ fn cases() -> [Case; 4] {
             finite: true,
             weighted: true,
             ..case(rankine)
+        },
+        case(particles),
+        Case {
+            finite: true,
+            weighted: true,
+            ..case(Fracture {
+                every: 2,
+                spare_overlap: true,
+                ..particles
+            })
         },
     ]
 }

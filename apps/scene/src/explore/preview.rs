@@ -149,6 +149,9 @@ impl Preview {
         let last = load_steps.and_then(|s| s.times.last().copied());
         let resting = last.map(|_| match run.solves_directly() {
             Ok(()) => "directly".to_owned(),
+            Err(_) if run.solves_until_change() => {
+                "directly until the first break, then by relaxation".to_owned()
+            }
             Err(why) => format!("by relaxation, as {why}"),
         });
         let mut interface = run::interfaces(&run, &[]);

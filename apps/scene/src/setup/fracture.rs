@@ -100,7 +100,7 @@ pub(crate) fn fracture(
         (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc, ratio).map_err(dem(path))?,
         (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
         (None, Some(_)) => {
-            let rule = "strength needs criterion: a stress [Pa] for axial, rankine and mises, an energy per section [J/m2] \
+            let rule = "strength needs criterion: a stress [Pa] for axial, rankine, mises and hydrostatic, an energy per section [J/m2] \
                         for energy and tensile-energy";
             return Err(key(path, rule));
         }
@@ -128,6 +128,7 @@ fn criterion(f: &spec::Fracture) -> Criterion {
         Some(CriterionKind::Mises) => Criterion::Mises,
         Some(CriterionKind::Energy) => Criterion::Energy,
         Some(CriterionKind::TensileEnergy) | None => Criterion::TensileEnergy,
+        Some(CriterionKind::Hydrostatic) => Criterion::Hydrostatic,
     }
 }
 

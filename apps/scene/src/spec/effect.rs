@@ -253,8 +253,9 @@ pub struct Fracture {
     /// the beams; for `energy` and `tensile-energy`; excludes `strength`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub gc: Option<f64>,
-    /// Strength of the beams (not of the packing) \[Pa\]; for `energy` and `tensile-energy` \[J/m²\]. With
-    /// `weibull` the characteristic strength, else the mean. Excludes `gc`.
+    /// Strength of the beams (not of the packing) \[Pa\]; for `energy` and `tensile-energy` \[J/m²\], for
+    /// `hydrostatic` of the particles \[Pa\]. With `weibull` the characteristic strength, else the mean.
+    /// Excludes `gc`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub strength: Option<f64>,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
@@ -301,6 +302,8 @@ pub enum CriterionKind {
     /// Elastic energy per section, in compression only that of bending and torsion, as far as the section is
     /// in tension.
     TensileEnergy,
+    /// Hydrostatic stress of a particle in tension; all bonds of the particle break at once.
+    Hydrostatic,
 }
 
 /// Contact between unbonded particles.

@@ -322,6 +322,8 @@ fn the_plan_of_a_scene_at_rest_tells_of_load_steps() {
     let direct = plan("");
     assert_eq!((direct.steps, direct.frames, direct.end), (3, 3, 3.0));
     assert_eq!(direct.resting.as_deref(), Some("directly"));
+    let breaking = plan("[[effect]]\nfracture = { gc = 8.0 }\n").resting;
+    assert!(breaking.is_some_and(|how| how.starts_with("directly until the first break")));
     let relaxed = plan("[[effect]]\ncontact = {}\n").resting.expect("at rest");
     assert!(
         relaxed.starts_with("by relaxation, as 'bar': effect 'contact'"),
@@ -392,13 +394,17 @@ fn the_moment_of_a_clamp_is_about_its_own_middle() {
     assert!((moment / (-6.0 * 1e-3) - 1.0).abs() < 1e-9, "{moment:e}");
 }
 
+/// Plane that no particle of the bars below touches; with it, no load step is solved directly.
+const FAR_PLANE: &str =
+    "[[effect]]\nobstacle = { shape.plane = { point = [-1.0, 0.0, 0.0], normal = [1.0, 0.0, 0.0] } }\n";
+
 /// A load applied over 500 steps of relaxation breaks no bond that bears the equilibrium; at once, it sets
 /// off a wave that does.
 #[test]
 fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     let pull = "[[support]]\nmodel = \"bar\"\nwhere = \"x-max\"\ncomponents = [\"x\"]\nmotion = { amplitude = 4e-7, time.ramp = { duration = 1.0 } }";
     let breaks = |ramp: usize| {
-        let text = torn(pull, &format!("ramp = {ramp}\n"))
+        let text = torn(pull, &format!("ramp = {ramp}\n{FAR_PLANE}"))
             .replace("steps = 6", "steps = 1")
             .replace(", weibull = 10.0", "");
         let results = run(&text);
@@ -406,6 +412,39 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
     };
     assert_eq!(breaks(500), 0.0);
     assert!(breaks(1) > 0.0);
+}
+
+/// Load steps before the first break are solved directly, with the forces and up to the load step of the
+/// relaxation; the first bond breaks within a tenth of a load step of where it breaks there.
+#[test]
+fn load_steps_up_to_the_first_break_are_solved_directly() {
+    let grip = "[[support]]\nname = \"grip\"\nmodel = \"bar\"\nwhere = \"x-max\"\n\
+                motion = { amplitude = 8e-7, time.ramp = { duration = 1.0 } }\n\
+                [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\"";
+    let [direct, relaxed] = ["", FAR_PLANE].map(|keys| {
+        let text = torn(grip, &format!("tolerance = 1e-7\n{keys}"));
+        run(&text
+            .replace("steps = 6", "steps = 8")
+            .replace(", weibull = 10.0", ""))
+    });
+    let first = |r: &Results| r.summary().effect_ledger[0].facts["first break [s]"];
+    let [by_solution, by_relaxation] = [&direct, &relaxed].map(first);
+    println!("first break at {by_solution} and {by_relaxation}");
+    // In the same load step of 1/8, and not in the first or the last one.
+    let step = (8.0 * by_solution).ceil() as usize;
+    assert!((2..8).contains(&step) && step == (8.0 * by_relaxation).ceil() as usize);
+    assert!((by_solution - by_relaxation).abs() < 0.1 / 8.0);
+    let methods = direct.summary().load_steps.iter().map(|s| s.method == "direct");
+    assert!(
+        methods
+            .enumerate()
+            .all(|(k, is_direct)| is_direct == (k + 1 < step))
+    );
+    assert!(relaxed.summary().load_steps.iter().all(|s| s.method == "relaxed"));
+    let [a, b] = [&direct, &relaxed].map(|r| r.probe("grip").expect("probe").1);
+    for k in 0..step - 1 {
+        assert!((a[k] / b[k] - 1.0).abs() < 1e-6, "{k}: {} {}", a[k], b[k]);
+    }
 }
 
 /// A scene with ties to particles relaxes to the direct solution, from which contact with a plane far away
@@ -469,7 +508,7 @@ fn bodies_torn_apart_come_to_rest() {
              [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\""
         )
     };
-    let results = run(&torn(&grip(1e-6), ""));
+    let results = run(&torn(&grip(1e-6), FAR_PLANE));
     let force = results.probe("grip").expect("probe").1;
     let steps = &results.summary().load_steps;
     let iterations: Vec<usize> = steps.iter().map(|s| s.iterations).collect();

@@ -14,6 +14,7 @@ fn section() -> Section {
 fn strain(axial: f64, twist: f64, [a, b]: [f64; 2]) -> Strain {
     Strain {
         length: 1e-3,
+        distance: 1e-3,
         axial,
         twist,
         a: Vector3::new(0.0, a, 0.3 * a),

@@ -16,12 +16,13 @@ use serde::Serialize;
 const BEAMS: f64 = 200e6;
 
 /// All criteria with their names.
-const ALL: [(CriterionKind, &str); 5] = [
+const ALL: [(CriterionKind, &str); 6] = [
     (CriterionKind::Axial, "axial"),
     (CriterionKind::Rankine, "rankine"),
     (CriterionKind::Mises, "mises"),
     (CriterionKind::Energy, "energy"),
     (CriterionKind::TensileEnergy, "tensile-energy"),
+    (CriterionKind::Hydrostatic, "hydrostatic"),
 ];
 
 /// Settings of a strength test.
@@ -111,6 +112,7 @@ pub(super) fn test_strength(
                 CriterionKind::Mises => (Criterion::Mises, strength),
                 CriterionKind::Energy => (Criterion::Energy, energy),
                 CriterionKind::TensileEnergy => (Criterion::TensileEnergy, energy),
+                CriterionKind::Hydrostatic => (Criterion::Hydrostatic, strength),
             };
             let fracture = Fracture {
                 scatter: asked
