@@ -8,10 +8,10 @@
 #[path = "it/support/mod.rs"]
 mod support;
 
-use arlequin_core::ranks::{Communicator, Division};
+use arlequin_core::ranks::Communicator;
 use arlequin_core::{Coupled, Partition, Silent, Subdomain, TimeStep, Uniform, Weights};
 use arlequin_mpi::threads;
-use dem_beam::packing::{Bricks, Lattice, lattice};
+use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, DemModel};
 use peak_alloc::PeakAlloc;
 use std::sync::Arc;
@@ -35,17 +35,6 @@ fn stepped(model: DemModel, shared: Option<Arc<dyn Communicator>>) -> usize {
     run.subdomains()[0].model().nodes().len()
 }
 
-/// Makes each rank's own part only.
-fn in_parts(c: Arc<dyn Communicator>) -> usize {
-    let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
-    let division = Division::bisect(bricks.particles(), &bricks.units(), c.ranks()).unwrap();
-    let piece = bricks
-        .piece(&division, c.rank(), BeamMaterial::SILICA, 2200.0)
-        .unwrap();
-    drop(bricks);
-    stepped(DemModel::of_piece("cube", piece, &division, c).unwrap(), None)
-}
-
 /// Makes the whole body on every rank and lets the run partition it.
 fn shared(c: Arc<dyn Communicator>) -> usize {
     let packing = lattice(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
@@ -66,33 +55,11 @@ fn most(ranks: usize, work: impl Fn(Arc<dyn Communicator>) -> usize + Sync) -> f
     (MEMORY.peak_usage() - before) as f64 / held as f64
 }
 
-/// Returns the number of ghosts of all ranks over the particles of the body.
-fn ghosts(ranks: usize) -> f64 {
-    let bricks = Bricks::new(Lattice::BodyCentred, CELLS, RADIUS).unwrap();
-    let division = Division::bisect(bricks.particles(), &bricks.units(), ranks).unwrap();
-    let piece = |rank| {
-        bricks
-            .piece(&division, rank, BeamMaterial::SILICA, 2200.0)
-            .unwrap()
-    };
-    let held: usize = (0..ranks).map(|rank| piece(rank).numbers.len()).sum();
-    held as f64 / bricks.particles() as f64 - 1.0
-}
-
+/// A whole body that is still to be partitioned has neither the kernel's tables nor the buffers of steps.
 #[test]
-fn ranks_hold_their_share_and_their_ghosts_and_never_a_whole_kernel() {
-    let alone = most(1, in_parts);
-    for ranks in [2, 4, 8] {
-        let bytes = most(ranks, in_parts);
-        let bound = 1.2 * alone * (1.0 + ghosts(ranks));
-        assert!(
-            bytes < bound,
-            "{ranks} ranks: {bytes} bytes per particle, one rank {alone}, bound {bound}"
-        );
-    }
-    // A whole body that is still to be partitioned has neither the kernel's tables nor the buffers of steps.
+fn ranks_never_hold_a_whole_kernel() {
     let whole = most(1, shared);
-    let per_rank = (most(8, shared) - alone) / 8.0;
+    let per_rank = (most(8, shared) - whole) / 8.0;
     assert!(
         per_rank < 0.6 * whole,
         "{per_rank} bytes per particle on every rank, {whole} on one"
