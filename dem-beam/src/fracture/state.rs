@@ -158,8 +158,8 @@ impl FractureState {
         Some((screen, &mut self.marks))
     }
 
-    /// Follows new weights: makes whole bonds for which `inside` is true unbreakable and the others breakable,
-    /// if the specification spares overlaps.
+    /// Follows new weights: makes whole bonds for which `inside` is true unbreakable and the others
+    /// breakable, if the specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
         if self.spec.spare_overlap {
             let log = locked(&self.log);
