@@ -1,7 +1,7 @@
 //! Statics as a run: a sequence of equilibria, one for each instant.
 //!
-//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]), and so
-//! are models that change themselves (bonds that break) until their first change. All others (contact, large
+//! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]), and
+//! so are models that change themselves (bonds that break) until their first change. All others (contact, large
 //! rotations) are relaxed: the models move as in a run while time
 //! stands still, and all velocities are set to zero whenever the kinetic energy has passed a maximum (kinetic
 //! damping, Cundall 1976). From one instant to the next, supports and loads change over [`Relaxation::ramp`]
@@ -54,8 +54,8 @@ pub struct Settled<T> {
 /// Steps between two evaluations of the residual while the kinetic energy passes no maximum.
 const LOOK: usize = 200;
 
-/// Halvings of a load step in which a model changes itself: the relaxation begins within 1/64 of the load step
-/// before the change.
+/// Halvings of a load step in which a model changes itself: the relaxation begins within 1/64 of the load
+/// step before the change.
 const BISECTIONS: usize = 6;
 
 impl<T: Real> Coupled<T> {

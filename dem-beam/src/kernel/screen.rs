@@ -20,8 +20,8 @@
 //! A particle breaks if one bond alone has `l (l - l0) = L`
 //! ([`crate::fracture::particles::ParticleStrengths::half_bond`]).
 //!
-//! The line of `tensile-energy` is an upper bound of the exact load. The exact load is equal to it in tension, and in
-//! compression is a share of the energy of bending and torsion.
+//! The line of `tensile-energy` is an upper bound of the exact load. The exact load is equal to it in
+//! tension, and in compression is a share of the energy of bending and torsion.
 //!
 //! `x >= y` is tested as `x^2 >= y |y|` where `x` is a root. All terms are divided by the lowest strength
 //! beforehand, and multiplied by a length where this saves a division.
@@ -57,8 +57,8 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// Makes a screen from the `strengths` of all bonds or particles \[Pa or J/m²\] and the smallest and largest of their
-    /// `lengths` \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
+    /// Makes a screen from the `strengths` of all bonds or particles \[Pa or J/m²\] and the smallest and
+    /// largest of the `lengths` of bonds \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,

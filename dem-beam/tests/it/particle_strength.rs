@@ -46,8 +46,8 @@ fn breaks(model: &mut DemModel, q: &[f64]) -> Vec<([u32; 2], &'static str)> {
 }
 
 /// Under the strain `e` in all directions, six bonds of `2 R` pull the innermost particle of a cube of
-/// 3 × 3 × 3 with `N = E S e`: its hydrostatic stress is `6 · ½ · 2 R N/(3 V) = 2 R N/V`, which is larger than
-/// that of particles at the surface.
+/// 3 × 3 × 3 with `N = E S e`: its hydrostatic stress is `6 · ½ · 2 R N/(3 V) = 2 R N/V`, which is larger
+/// than that of particles at the surface.
 #[test]
 fn the_innermost_particle_loses_all_bonds_at_the_stress_of_its_closed_form() {
     let e = 1e-4;
