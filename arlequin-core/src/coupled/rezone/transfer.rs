@@ -114,7 +114,7 @@ pub(super) fn hand_over<T: Real>(
         let states = if fine.is_empty() {
             from_coarse(k, gains, subdomains, givers, (&coarse, ties))?
         } else {
-            Means::new(k, gains, subdomains, givers, &fine)?.states(&subdomains[k], gains)?
+            Means::new(k, gains, subdomains, givers, &fine)?.states(&subdomains[k], &givers[k], gains)?
         };
         received.push((k, states));
     }
@@ -309,7 +309,7 @@ impl<T: Real> Means<T> {
     }
 
     /// States that gaining nodes receive. A node with mass and without fine nodes around it keeps its own.
-    fn states(&self, s: &Subdomain<T>, gains: &[bool]) -> Result<Vec<Received<T>>> {
+    fn states(&self, s: &Subdomain<T>, giver: &Giver<T>, gains: &[bool]) -> Result<Vec<Received<T>>> {
         let mut out = Vec::new();
         for node in (0..gains.len()).filter(|k| gains[*k]) {
             match self.0[node].fit() {
@@ -318,6 +318,7 @@ impl<T: Real> Means<T> {
                     vectors,
                     turns: [Vector3::zeros(); 2],
                 }),
+                None if giver.mass(node) > T::zero() => {}
                 None => return Err(orphan(s, node)),
             }
         }
@@ -356,9 +357,11 @@ fn coarse_state<T: Real>(
             .filter(|t| t.coarse == coarse)
             .map(|t| t.fine)
             .collect();
-        for r in
-            Means::new(coarse, &asleep, subdomains, givers, &fine)?.states(&subdomains[coarse], &asleep)?
-        {
+        for r in Means::new(coarse, &asleep, subdomains, givers, &fine)?.states(
+            &subdomains[coarse],
+            giver,
+            &asleep,
+        )? {
             out[r.node] = r.vectors;
         }
     }
