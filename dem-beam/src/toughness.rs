@@ -153,8 +153,12 @@ pub fn toughness_test(
         let [a, b] = p.map(|i| &packing.positions[i as usize]);
         crossing(a, b).is_some_and(|x| x > tip)
     });
+    // Counted before the cut: the number of broken bonds over this density is the length that the crack has
+    // run.
     let density = ahead.count() as f64 / (strip.low[0] + strip.size[0] - tip);
+    // A cut takes bonds and no spheres, so that the crack has no width.
     packing.cut(|a, b| crossing(a, b).is_some_and(|x| x <= tip));
+    // A loose piece would make the static system singular.
     packing.connected("a toughness test")?;
     let model = DemModel::new("strip", &packing, beam, DENSITY)?.with_fracture(fracture)?;
     let opened = Opened::new(&model, strip)?;
@@ -201,13 +205,17 @@ impl Opened {
         if clamps.iter().any(Vec::is_empty) {
             return Err(Error::out_of_range("particles at a clamp", 0.0, "values >= 1"));
         }
+        // Statics is linear, and the run scales the solution: any small value will do.
         let elongation = 1e-4 * height;
         let mut problem = StaticProblem::free(body.len());
         for (start, x) in problem.start.iter_mut().zip(body.positions()) {
+            // Uniform strain as the first guess is near the solution and saves iterations.
             start.linear.y = elongation * ((x.y - strip.low[1]) / height - 0.5);
         }
         for (clamp, side) in clamps.iter().zip([-0.5, 0.5]) {
             for &i in clamp {
+                // Held along all axes: the formulas above are those of clamps that keep the strip from
+                // narrowing.
                 problem.held[i].linear = [true; 3];
                 problem.start[i].linear.y = side * elongation;
             }
@@ -276,6 +284,7 @@ impl Servo<'_> {
         let begin = START * self.first;
         let rate = GROWTH * begin / transit;
         let opening = Opening::default();
+        // Two knots, so that the motion has a slope from the first instant on.
         for time in [-transit, 0.0] {
             opening.push(time, begin + rate * time);
         }
@@ -312,6 +321,7 @@ impl Servo<'_> {
             samples.push(Sample {
                 time: now,
                 elongation: opening.value(now),
+                // This sum falls only by what leaves the strip: energy of broken bonds and of damped waves.
                 left: run.energy() - support_work(&run),
                 broken,
             });
@@ -320,6 +330,8 @@ impl Servo<'_> {
             }
             let place = broken as f64 / self.density / height;
             let value = control.next(now / transit, place, window / transit);
+            // A crack that stands still ends the test by the time, clamps that open without effect end it by
+            // the elongation.
             let late = control.started.is_some_and(|s| now / transit - s > latest);
             if late || value > GIVEN_UP * self.first {
                 return Err(Error::NotBroken {
@@ -359,6 +371,7 @@ impl Servo<'_> {
         };
         let mut subdomain = Subdomain::fine(model, Weights::uncoupled())
             .with_effect(Box::new(StiffnessDamping::new(self.damping)?))
+            // Velocities of the same shape as the displacements: the strip goes on opening without a wave.
             .with_initial(scaled(begin), scaled(rate))?;
         for s in supports {
             subdomain = subdomain.with_support(s);
@@ -377,6 +390,8 @@ impl Servo<'_> {
         let (mut square, mut broken) = (0.0, 0.0);
         for pair in samples[at[0]..=at[1]].windows(2) {
             let new = (pair[1].broken - pair[0].broken) as f64;
+            // Energies grow with the square of the elongation. Each elongation counts by the bonds that broke
+            // at it.
             square += new * pair[1].elongation.powi(2);
             broken += new;
         }
@@ -414,11 +429,13 @@ struct Control {
 impl Control {
     /// Returns the next elongation \[m\], for a crack that has run over `place` up to the time `now`.
     fn next(&mut self, now: f64, place: f64, window: f64) -> f64 {
+        // Nothing shows the place of the crack before the first break: the clamps open steadily.
         if place <= 0.0 {
             self.base *= 1.0 + GROWTH * window;
             return self.base;
         }
         let started = *self.started.get_or_insert(now);
+        // A crack that jumps thus changes the elongation by a quarter at once, and not by more.
         let behind = (SPEED * (now - started) - place).clamp(-1.0, 1.0);
         self.base *= 1.0 + CONTROL[1] * behind * window;
         self.base * (1.0 + CONTROL[0] * behind)

@@ -32,6 +32,8 @@ impl<T: Real> Subdomain<T> {
                 continue;
             }
             let [moving, turning] = [d * node..d * (node + 1), first + r * node..first + r * (node + 1)];
+            // Without mass and velocity the node leaves the step and the operators by a product with zero,
+            // without a branch.
             for k in moving.chain(turning) {
                 self.inertia[k] = T::zero();
                 (self.state.v[k], self.state.a[k]) = (T::zero(), T::zero());
@@ -78,6 +80,7 @@ impl<T: Real> Subdomain<T> {
         self.model
             .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
         self.weigh_unknowns()?;
+        // A model that makes its steps itself has no force arrays, and the start evaluates forces.
         self.forces.reclaim(self.inertia.len());
         self.energies = Energies::unknown();
         for (k, spec) in effects.into_iter().enumerate() {
@@ -88,6 +91,7 @@ impl<T: Real> Subdomain<T> {
                 let rule = format!("must be '{}', made for the new weights", old.effect.name());
                 return Err(invalid(&what, new.effect.name(), &rule));
             }
+            // The effect goes on with the work and the memory of before, so that its ledger line has no jump.
             new.restore(old.work(), &old.effect.save())?;
             self.effects[k] = new;
         }

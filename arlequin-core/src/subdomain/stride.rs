@@ -16,6 +16,8 @@ impl<T: Real> Subdomain<T> {
     /// the step before are stored.
     pub(super) fn stride(&mut self, step_end: StepEnd<T>, keep: bool) -> Result<bool> {
         let alone = self.forces.are_internal() && self.moving().next().is_none();
+        // Effects and moving supports read forces and displacements of the step, which the model does not
+        // keep.
         if !alone || self.model.evolving().is_some() || self.model.stepping().is_none() {
             return Ok(false);
         }
@@ -24,6 +26,7 @@ impl<T: Real> Subdomain<T> {
             None if keep => Some(self.model.internal_energy(&self.state.q)),
             known => known,
         };
+        // Three arrays of the size of the state, which nothing reads as long as the model makes its steps.
         self.forces.release();
         let State { q, v, a } = &mut self.state;
         let step = Stride {
@@ -32,6 +35,7 @@ impl<T: Real> Subdomain<T> {
             v,
             a,
             inverse_inertia: &self.inverse_inertia,
+            // The step multiplies with inverse masses; only the ledger needs the masses.
             inertia: keep.then_some(&self.inertia[..]),
         };
         let drawn = self
@@ -66,6 +70,7 @@ impl<T: Real> Subdomain<T> {
         if keep || !self.loads_are_sparse() || self.model.stepping().is_none() {
             return Ok(false);
         }
+        // The drift comes first: effects find their nodes by the positions at the end of the step.
         self.drift(step_end)?;
         self.mark_loads(number, step_end, announce)?;
         let State { v, a, .. } = &mut self.state;
@@ -78,7 +83,10 @@ impl<T: Real> Subdomain<T> {
             f: &mut self.forces.internal,
         };
         self.model.stepping().map(|m| m.kick(kick)).transpose()?;
+        // Without a ledger in this step, energies are evaluated when somebody asks for them.
         self.energies = Energies::unknown();
+        // Bonds break before effects act: a contact reads the internal forces, in which broken bonds have no
+        // part.
         if self.model.evolving().is_some() {
             announce(Phase::Evolve(number));
             self.evolve(step_end.time)?;
@@ -88,6 +96,7 @@ impl<T: Real> Subdomain<T> {
             self.forces.load_waiting(&self.model.layout());
             self.add_loads(step_end, number, announce)?;
         }
+        // Last, by the sum of all forces. The kick has accelerated all other nodes.
         self.accelerate_waiting(step_end);
         Ok(true)
     }
@@ -107,6 +116,7 @@ impl<T: Real> Subdomain<T> {
         let evolves = self.model.evolving().is_some();
         let (forces, state) = (&mut self.forces, &mut self.state);
         forces.begin_waiting(layout.nodes);
+        // Unknowns with an amplitude of zero do not move, so that their supports do no work.
         for motion in self.supports.iter().filter(|m| m.amplitude != T::zero()) {
             let now = motion.position(step_end.time);
             for &d in &motion.dofs {
@@ -114,6 +124,8 @@ impl<T: Real> Subdomain<T> {
                 forces.placed.push((d, now));
             }
         }
+        // The energy of a break needs the displacements of both ends of the step. A swap keeps the old ones
+        // without a copy.
         if evolves {
             std::mem::swap(&mut state.q, &mut forces.q_before);
         }
@@ -136,6 +148,7 @@ impl<T: Real> Subdomain<T> {
             q: &self.state.q,
             v_half: &self.state.v,
             dt: step_end.since,
+            // No forces exist yet at this point of the step.
             internal: &[],
             internal_before: &[],
         };

@@ -55,9 +55,11 @@ impl Cracks {
             parent: new,
             in_overlap: usize::from(overlap),
         });
+        // The order of joins decides which bond represents a crack, but no count.
         for neighbour in self.near(new) {
             self.join(neighbour, new);
         }
+        // After the search, which would find the bond itself otherwise.
         self.cubes.entry(self.cube(&place)).or_default().push(new);
         let crack = self.representative(new);
         self.bonds[crack].in_overlap

@@ -91,6 +91,7 @@ pub(crate) struct Section {
 impl Section {
     /// `r_b^2 = 4 I/S`.
     pub(crate) fn new(k: &BeamRigidity) -> Self {
+        // `I = S r²/4` for a circle: the rigidities give the radius without a further input.
         let radius = 2.0 * (k.bending / k.axial).sqrt();
         let area = std::f64::consts::PI * radius * radius;
         Self {
@@ -129,6 +130,7 @@ impl Strain {
         let q = p.dot(&p);
         let du = j.linear - i.linear;
         let chord = p.cross(&du);
+        // Rotations count relative to the chord, so that a rigid rotation strains nothing.
         let across = |t: &Vector3<f64>| t - p * (p.dot(t) / q) - chord;
         let length = q.sqrt().recip();
         Self {
@@ -227,11 +229,14 @@ impl Criterion {
             BreakMode::Tension
         };
         let parts = match self {
+            // Only bonds in tension reach the strength of this criterion.
             Self::Axial => return BreakMode::Tension,
+            // All bonds of a broken particle go, those in compression as well.
             Self::Hydrostatic => return along,
             Self::Energy | Self::TensileEnergy => {
                 let k = &s.rigidity;
                 let bend = e.a.dot(&e.a) + e.a.dot(&e.b) + e.b.dot(&e.b);
+                // The energy of a compression is no part of this criterion.
                 let axial = if self == Self::TensileEnergy {
                     e.axial.max(0.0)
                 } else {
@@ -275,6 +280,7 @@ impl Criterion {
     fn compressed(s: &Section, e: &Strain) -> f64 {
         let bent = Strain { axial: 0.0, ..*e };
         let whole = Self::Rankine.value(s, &bent);
+        // A beam without bending and torsion has no tension to lose; the ratio below would be 0/0.
         if whole <= 0.0 {
             return 0.0;
         }

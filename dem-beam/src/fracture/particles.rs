@@ -29,6 +29,8 @@ impl ParticleStrengths {
     pub(crate) fn new(spec: &Fracture, body: &BondedParticles, volumes: &[f64]) -> Option<Self> {
         let limit = |(x, volume): (_, &f64)| {
             let strength = spec.strength * spec.scatter.factor(spec.seed, x, x);
+            // All constants of the criterion go into the limit, so that the kernel adds up shares of levers
+            // only.
             3.0 * volume * strength / body.rigidity().axial
         };
         spec.criterion.is_of_particles().then(|| Self {
@@ -45,6 +47,7 @@ impl ParticleStrengths {
         strain: impl Fn(usize) -> Strain,
     ) -> f64 {
         let bonds = adjacency.row(i).iter().map(|e| e.map(|k| k as usize));
+        // Bonds without weight have no part in the stress.
         let carrying = bonds.filter(|[_, b]| body.carries(*b));
         let sum: f64 = carrying.map(|[j, b]| share(body, i, j) * strain(b).lever()).sum();
         sum / self.limits[i]
@@ -56,6 +59,7 @@ impl ParticleStrengths {
         if body.carries(b) {
             self.limits[i] / (share(body, i, j) * body.bond(b).axis.norm())
         } else {
+            // The ratio to an infinite limit is zero: the bond adds nothing to the sum.
             f64::INFINITY
         }
     }

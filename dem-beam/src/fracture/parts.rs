@@ -59,6 +59,7 @@ impl FractureState {
         if self.is_plain() {
             out.check_plainly();
         }
+        // The log has the numbers of the whole body, hence the breaks before the partition.
         let broken: Vec<u32> = {
             let log = locked(&out.log);
             let local_bonds = (0..).zip(&*numbering.1.bonds);
@@ -81,6 +82,7 @@ impl FractureState {
         let owned = volumes.len();
         let mut out = Self::with_owned(spec, body, volumes, log);
         writing(&out.log).number(&numbered.bonds);
+        // Ghosts have the numbers after the owned particles.
         let foreign = |p: &[u32; 2]| p.iter().any(|i| *i as usize >= owned);
         let cross = (0..).zip(body.pairs()).filter(|(_, p)| foreign(p));
         out.parts = Some(Parts {
@@ -105,6 +107,7 @@ impl Parts {
     /// Adds to the breaking bonds of this rank those that break on other ranks. Collective.
     pub(super) fn share_breaks(&self, now: &mut Vec<u32>) -> arlequin_core::Result<()> {
         let is_cross = |b: &&u32| self.cross.binary_search(b).is_ok();
+        // A bond inside one rank is stored there only; the others have nothing to break.
         let sent = now.iter().filter(is_cross);
         let sent = sent.map(|b| i64::from(self.numbers[*b as usize])).collect();
         let received = self.halo.owned().all_gather(sent)?;
@@ -124,6 +127,7 @@ impl Parts {
         let sent = breaks.iter().flat_map(|e| self.words(e)).collect();
         let mut received = self.halo.owned().all_gather(sent)?;
         let received = received.as_chunks_mut::<WORDS>().0;
+        // All-gather keeps the order of ranks; the log has the order that a run on one rank gives it.
         received.sort_unstable_by_key(number);
         Ok(received.iter().map(|words| event(words, time)).collect())
     }
@@ -136,6 +140,7 @@ impl Parts {
     ) -> Result<GhostStates, RankError> {
         let count = self.halo.ghosts().len();
         let mut out = (vec![[0.0; 7]; count], vec![[0.0; 6]; count]);
+        // One message for both: each message costs its latency.
         let message = |i: usize| {
             let (state, change) = (before.state_to_send(i), change(step, i));
             std::array::from_fn(|k| if k < 7 { state[k] } else { change[k - 7] })
@@ -184,6 +189,7 @@ impl Parts {
                 .binary_search_by_key(&bond.cast_signed(), |k| k[0])
                 .ok()?;
             let [_, ends, overlap, x, y, z] = received[k];
+            // A record of another body has other ends at this number.
             let known = i <= u64::from(u32::MAX) && (i << 32 | j) == ends.cast_unsigned();
             let real = |x: i64| f64::from_bits(x.cast_unsigned());
             let place = Vector3::new(real(x), real(y), real(z));
@@ -204,6 +210,7 @@ impl Parts {
     /// Packs a break with numbers of the whole body into words.
     fn words(&self, e: &Break) -> [i64; WORDS] {
         let two = |a: u32, b: u32| (u64::from(a) << 32 | u64::from(b)).cast_signed();
+        // Numbers travel as their bits, so that all ranks log the same values.
         let bits = |x: f64| x.to_bits().cast_signed();
         let [i, j] = e.pair.map(|i| self.global(i));
         [
@@ -237,6 +244,7 @@ fn event(words: &[i64; WORDS], time: f64) -> Break {
         distance: real(3),
         place: Vector3::new(real(4), real(5), real(6)),
         overlap: low % 2 == 1,
+        // The minimum keeps a damaged word from an index out of bounds.
         mode: BreakMode::ALL[(low as usize / 2).min(BreakMode::ALL.len() - 1)],
     }
 }

@@ -39,6 +39,7 @@ impl FractureState {
     /// partitioned body, counts the particles that this rank owns, and the bonds of whose ends it owns the
     /// first.
     pub(crate) fn peak(&self, body: &BondedParticles, reader: &Reader<'_>) -> (f64, usize) {
+        // Two ranks have a bond between them; the owner of its first particle counts it.
         let is_counted = |k: &usize| self.particles.is_some() || (body.pairs()[*k][0] as usize) < self.owned;
         let counted = (0..self.candidates(body)).filter(is_counted);
         counted.fold((0.0, 0), |(top, count), k| {
@@ -60,6 +61,7 @@ impl FractureState {
         self.wait = 0;
         writing(&self.log).checked();
         let mut suspects = std::mem::take(&mut self.suspects);
+        // Marks serve one check: the next step moves the particles.
         if std::mem::take(&mut self.fresh) {
             self.suspect(&mut suspects);
             self.compare(body, reader, suspects.len(), |k| suspects[k] as usize);
@@ -80,6 +82,7 @@ impl FractureState {
         for &i in &*particles {
             let bonds = self.adjacency.row(i as usize).iter().map(|e| e[1]);
             self.now
+                // Broken and spared bonds have infinite strengths; they stay as they are.
                 .extend(bonds.filter(|b| self.strength[*b as usize].is_finite()));
         }
         // A bond between two breaking particles breaks once.
@@ -151,6 +154,7 @@ impl FractureState {
         let Some(parts) = parts else {
             return Ok(!self.now.is_empty());
         };
+        // Most steps end here, after one word per rank: the bonds between ranks are not compared.
         if !parts.any_breaks(&self.now)? {
             return Ok(false);
         }

@@ -75,6 +75,7 @@ impl FractureState {
             strength: (0..bonds).map(|b| strength_of(&spec, body, b)).collect(),
             particles: ParticleStrengths::new(&spec, body, volumes),
             flags: vec![false; bonds.max(owned).div_ceil(CHUNK)],
+            // Room for the breaks of a usual step, since a step should not allocate.
             now: Vec::with_capacity(64),
             wait: 0,
             screen: None,
@@ -82,6 +83,7 @@ impl FractureState {
             first_slots: vec![0; blocks],
             marks: vec![false; blocks],
             fresh: false,
+            // A bond is suspected once at most, so the list never grows in a step.
             suspects: Vec::with_capacity(bonds),
             owned,
             parts: None,
@@ -142,6 +144,8 @@ impl FractureState {
                 let strengths = whole_bonds
                     .filter(|e| whole(e[1]))
                     .map(limit)
+                    // Slots of bonds that are left out are empty in the kernel: an infinite limit is never
+                    // reached.
                     .chain(std::iter::repeat(f64::INFINITY));
                 for (slot, strength) in strengths.take(bonds.len()).enumerate() {
                     screen.set(first + slot, lane, strength);
@@ -170,6 +174,7 @@ impl FractureState {
         if self.spec.spare_overlap {
             let log = locked(&self.log);
             for (b, strength) in self.strength.iter_mut().enumerate() {
+                // Broken bonds keep their infinite strength.
                 if !log.is_broken_here(b) {
                     *strength = if inside(b) {
                         f64::INFINITY
@@ -259,6 +264,7 @@ impl FractureState {
         mut parts: Option<&mut Parts>,
         inside: impl Fn(usize) -> bool,
     ) -> arlequin_core::Result<f64> {
+        // The energy of a bond needs both ends at both instants, and one end may be a ghost.
         let (ghosts, changes) = match &mut parts {
             Some(parts) => parts.receive_ghosts(readers[0], step)?,
             None => GhostStates::default(),
@@ -356,6 +362,7 @@ impl FractureState {
                 step.f_before[half + 3 * i + c] -= held.angular[c];
             }
         }
+        // An infinite strength is never reached, so the bond cannot break again.
         self.strength[bond] = f64::INFINITY;
     }
 

@@ -66,6 +66,7 @@ impl Screen {
         lengths: [f64; 2],
     ) -> Option<Self> {
         let [shortest, longest] = lengths;
+        // Ratios to the lowest limit let one test serve bonds of all strengths.
         let least = strengths.iter().copied().fold(f64::INFINITY, f64::min);
         // The stress at which the longest bond reaches the energy `w` in pure tension: `w = stress^2 l / (2
         // E)`.
@@ -80,6 +81,7 @@ impl Screen {
         (stress > LEAST_STRAIN * section.young).then(|| Self {
             criterion,
             section,
+            // The margin exceeds the round-off of the kernel, so that no breaking bond is missed.
             limit: (1.0 - MARGIN) * least,
             ratios: None,
             turn: (turn * turn).min(NEVER),
@@ -226,6 +228,8 @@ impl Screened for Linear {
     ) -> L::V {
         let d: Vec3<L> = load3(l, &slot.span);
         if matches!(t.criterion, Criterion::Hydrostatic) {
+            // A term of a sum over the bonds of a particle: `begin` starts it at minus one and `visit` adds
+            // up.
             let taken = l.mul(l.mul(t.inverse, k.step), dot(l, d, du));
             return t.scaled(l, taken, ratio);
         }
@@ -403,6 +407,7 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
         let excess = W::excess(l, k, &self.test, slot, particles, near, ratio);
         self.worst = match self.test.criterion {
             Criterion::Hydrostatic => l.add(self.worst, excess),
+            // The worst bond of each lane decides; the exact criterion then finds the bond in marked blocks.
             _ => l.max(excess, self.worst),
         };
     }

@@ -50,6 +50,7 @@ impl<L: Lanes> Job for With<L, Drift<'_>> {
             let v = l.add(l.load(v), l.mul(half, l.load(a)));
             *q = l.store(l.add(l.load(q), l.mul(wide, v)));
         }
+        // The remainder in the order of operations of the vectors, so that the bits are those of the core.
         for (q, (v, a)) in q.iter_mut().zip(v.iter().zip(a)) {
             *q += dt * (v + h * a);
         }
@@ -90,6 +91,7 @@ impl<L: Lanes> Job for With<L, KickAndDrift<'_>> {
         let [dt, h] = step;
         // Plain loops, which the compiler turns into vectors without fused multiply-adds.
         match before {
+            // `before` keeps the old displacements, from which the energy of a break is computed.
             Some(before) => {
                 for ((q, before), (v, a)) in q.iter_mut().zip(before).zip(v.iter_mut().zip(a)) {
                     *v += h * *a;
@@ -188,9 +190,11 @@ impl Waiting<'_> {
     fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6], marked: bool) -> bool {
         let particles = LANES * b..self.particles.len().min(LANES * (b + 1));
         let particles = &mut self.particles[particles];
+        // A bond that may break changes the forces on both of its blocks, so marked blocks wait as well.
         if !marked && !particles.contains(&true) {
             return false;
         }
+        // The whole block: a vector accelerates eight particles at once.
         particles.fill(true);
         for (k, target) in self.f.iter_mut().enumerate() {
             let range = PER_BLOCK * b..target.len().min(PER_BLOCK * (b + 1));
@@ -318,6 +322,7 @@ impl Accelerate<'_> {
         let (vs, v) = self.v[sort][range.clone()].as_chunks_mut::<LANES>();
         let (accelerations, a) = self.a[sort][range.clone()].as_chunks_mut::<LANES>();
         let (ws, w) = self.w[sort][range.clone()].as_chunks::<LANES>();
+        // A whole block has three vectors of unknowns, the last block may have fewer.
         let whole = vs.len().min(3);
         // As if added to zeros, so that a zero has the same sign as in the core.
         let f = sum(l, f, [l.splat(0.0); 3]);

@@ -98,6 +98,7 @@ pub(crate) fn fracture(
             ));
         }
         (Some(gc), None) => Fracture::from_fracture_energy(criterion(f), gc, ratio).map_err(dem(path))?,
+        // No criterion by default: the unit of a strength depends on it.
         (None, Some(strength)) if f.criterion.is_some() => Fracture::new(criterion(f), strength),
         (None, Some(_)) => {
             let rule = "strength needs criterion: a stress [Pa] for axial, rankine, mises and hydrostatic, an energy per section [J/m2] \
@@ -140,6 +141,7 @@ fn contradiction(
 ) -> String {
     let criterion = criterion(f);
     let both = format!("gc = {gc:e} J/m2 and strength = {strength:e} exclude each other");
+    // Under a criterion of energies both keys give the same quantity, so that each implies the other.
     if let (Some(_), Some(share)) = (f.criterion, criterion.released_share(ratio)) {
         return format!(
             "{both}: gc implies a strength of {:.3e} J/m2, and the strength a gc of {:.3e} J/m2; remove one",
@@ -147,6 +149,7 @@ fn contradiction(
             share * strength
         );
     }
+    // Only a scene with a spacing says the diameter at this point.
     let implied = diameter.map_or(String::new(), |d| {
         let body = tensile_strength(young, gc, d);
         format!("gc gives a body of spheres of {d:.3e} m a strength in tension of {body:.2e} Pa; ")

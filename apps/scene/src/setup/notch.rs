@@ -94,6 +94,7 @@ fn form(path: &str, notch: &Notch, folder: &Path) -> Result<Form> {
 
 fn slab(path: &str, point: [f64; 3], normal: [f64; 3], thickness: Option<f64>) -> Result<Slab> {
     let normal = Unit::try_new(Vector3::from(normal), 0.0)
+        // An infinite component makes a direction of NaN.
         .filter(|n| n.iter().all(|c| c.is_finite()))
         .ok_or_else(|| key(format!("{path}.normal"), "has no direction; take [0, 1, 0]"))?;
     match thickness.unwrap_or(0.0) {
@@ -130,6 +131,7 @@ impl Span {
         if d.abs() < f64::MIN_POSITIVE {
             return (a >= low && a <= high).then_some(self);
         }
+        // `d` may be negative: the segment then enters by the upper limit.
         let (s, t) = ((low - a) / d, (high - a) / d);
         let out = Self(self.0.max(s.min(t)), self.1.min(s.max(t)));
         (out.0 <= out.1).then_some(out)
@@ -160,9 +162,11 @@ impl Span {
         let across = |v: Vector3<f64>| v - slab.normal.into_inner() * slab.normal.dot(&v);
         let (a, d) = (across(from - slab.point), across(*along));
         let (square, half, rest) = (d.norm_squared(), a.dot(&d), a.norm_squared() - radius * radius);
+        // Parallel to the axis: its distance from the axis is the same all along.
         if square < f64::MIN_POSITIVE {
             return (rest <= 0.0).then_some(self);
         }
+        // `half` is half of the linear coefficient, so that no factor of four appears.
         let root = half * half - square * rest;
         if root < 0.0 {
             return None;
@@ -192,6 +196,8 @@ impl Knife {
             Form::Solid(solid) => {
                 let (surface, faces) = &**solid;
                 let ends = [Point3::from(*from), Point3::from(*to)];
+                // Last, since a segment with an end inside needs no test of triangles. A segment that crosses
+                // a thin solid has both ends outside.
                 let meets = || faces.any_near(&bounds_of(ends.iter()), &|t| pierces(from, &along, t));
                 return surface.contains(from) || surface.contains(to) || meets();
             }
@@ -204,6 +210,7 @@ impl Knife {
         let beside = |[low, high]: &[Vector3<f64>; 2]| (0..3).any(|c| low[c] > to[c] || high[c] < from[c]);
         let beyond = |slab: &Slab| {
             let corner = |k: usize| Vector3::from_fn(|c, _| if k >> c & 1 == 0 { from[c] } else { to[c] });
+            // A linear function takes its extreme values at corners of the box.
             let heights = (0..8).map(|k| slab.normal.dot(&(corner(k) - slab.point)));
             let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
                 (a.min(h), b.max(h))
@@ -245,10 +252,12 @@ impl Knife {
 
 /// Returns whether the segment `from + s along` meets a triangle (Möller and Trumbore).
 fn pierces(from: &Vector3<f64>, along: &Vector3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
+    // Möller and Trumbore: barycentric coordinates from triple products, without the plane of the triangle.
     let [a, b, c] = triangle.map(|p| p.coords);
     let (u, v) = (b - a, c - a);
     let p = along.cross(&v);
     let volume = u.dot(&p);
+    // The segment is parallel to the triangle, or the triangle has no area.
     if volume.abs() < f64::MIN_POSITIVE {
         return false;
     }

@@ -60,6 +60,7 @@ impl Skin {
             return Self::default();
         }
         let near = Faces::new(whole.clone());
+        // Files may list the corners of a group the other way round, and a pressure needs outward normals.
         let turned = |t: &[Vector3<f64>; 3]| {
             let [a, b, c] = t.map(Point3::from);
             let beside = near.triangles()[near.nearest(&centre(&[a, b, c])).0];
@@ -106,6 +107,7 @@ impl Skin {
                 self.inside([*low, *high], diameter)
             }
         };
+        // A box that only touches the surface in an edge cuts triangles without area.
         if selected.iter().any(|t| area_vector(t).norm() > 0.0) {
             return Ok(selected);
         }
@@ -124,9 +126,12 @@ impl Skin {
         let full = high - low;
         let narrow = |t: &Triangle| {
             let normal = area_vector(t).normalize();
+            // A body that is thin itself lies in the box with its full extent, and is no strip.
             let is_strip = |c: usize| reach[c] < diameter && reach[c] < full[c] - slack;
+            // A face across the narrow direction of the box is the face that the box is meant for.
             (0..3).any(|c| is_strip(c) && normal[c].abs() < std::f64::consts::FRAC_1_SQRT_2)
         };
+        // Triangles without area have no normal.
         let solid = self.whole.iter().filter(|t| area_vector(t).norm() > 0.0);
         let mut out = Vec::new();
         for t in solid.filter(|t| !narrow(t)) {
@@ -135,6 +140,7 @@ impl Skin {
                 polygon = clip(polygon, &|x| corners[1][c] - x[c], slack);
                 polygon = clip(polygon, &|x| x[c] - corners[0][c], slack);
             }
+            // Nothing is left of a triangle outside of the box.
             let fan = polygon.get(1..).unwrap_or_default().windows(2);
             out.extend(fan.map(|w| [polygon[0], w[0], w[1]]));
         }
@@ -169,6 +175,7 @@ pub(super) fn facet(t: &Triangle) -> SurfaceFacet<f64> {
         nodes: Vec::new(),
         shares: vec![vector.norm()],
         centre: centre(t),
+        // A triangle without area has no direction, and carries nothing.
         normal: vector.try_normalize(0.0).unwrap_or_default(),
     }
 }
@@ -215,8 +222,10 @@ fn cuboid(low: [f64; 3], high: [f64; 3]) -> BTreeMap<String, Vec<Triangle>> {
 
 fn cylinder(from: &Point3<f64>, length: f64, radius: f64) -> BTreeMap<String, Vec<Triangle>> {
     let angle = TAU / SIDES as f64;
+    // The area of the polygon, `n r² sin(a)/2`, becomes that of the circle.
     let radius = radius * (angle / angle.sin()).sqrt();
     let rim = |k: usize, x: f64| {
+        // The last side ends at the first corner with the same bits, so that the surface is closed.
         let a = angle * (k % SIDES) as f64;
         from + Vector3::new(x, radius * a.cos(), radius * a.sin())
     };

@@ -151,26 +151,39 @@ impl<T: Real> Coupled<T> {
             mut effects,
             interfaces,
         } = change;
+        // The invariant that the next step would have found. Nothing is changed before, so an error up to
+        // here leaves the run usable.
         let (ahead, mut energies) = (self.invariant_ahead()?, vec![self.energies()]);
+        // Momenta and givers are those before the change: a model that gives mass has other values after it.
         let momenta = self.momenta_of_bodies();
         let givers: Vec<_> = self.subdomains.iter().map(Giver::new).collect();
         for (k, weights) in weights {
             let own_effects = effects.extract_if(.., |e| e.0 == k).map(|e| e.1).collect();
             self.subdomains[k].reweigh(weights, own_effects)?;
         }
+        // All weights are new by now, so that a gain is the difference between both masses of a node, in
+        // whatever order the subdomains came.
         transfer::hand_over(&mut self.subdomains, &givers, &interfaces)?;
+        // Taken before displacement jumps are removed: the parts "potential" and "kinetic" are those of the
+        // transfer alone.
         energies.push(self.energies());
+        // After the transfer and before the start: the operators of the interfaces hold the new masses.
         self.tie_anew(&interfaces)?;
         self.check_steps(&givers)?;
+        // Jumps of any size are removed. At set-up a large jump is a fault of the input; a jump here comes
+        // from the transfer.
         self.start_positions(Jumps::Removed)?;
         let [potential, kinetic] = [0, 1].map(|k| energies[1][k] - energies[0][k]);
         let before = self.kinetic_energy();
+        // The statements below keep the momenta, so one rigid motion restores them for good.
         let motions = self.restore_momenta(&momenta);
         let rigid = self.kinetic_energy() - before;
         self.start_forces()?;
         self.reflect_start()?;
         self.check_start()?;
+        // The same formula as before the change. The balance of the next step therefore still tests the step.
         let work = self.invariant_ahead()? - ahead;
+        // The remainder, so that the four parts add up to the work that is booked.
         let start = work - potential - kinetic - rigid;
         let parts = [potential, kinetic, rigid, start];
         (0..4).for_each(|k| self.conversions.parts[k] += parts[k]);
@@ -232,6 +245,7 @@ impl<T: Real> Coupled<T> {
             }
             self.subdomains[k].check_rezoning(&change.weights[n].1)?;
         }
+        // Only subdomains with new weights take effects: others would lose theirs without a word.
         if let Some((k, _)) = change
             .effects
             .iter()
@@ -266,6 +280,8 @@ impl<T: Real> Coupled<T> {
 
     /// Invariant \[J\] of all subdomains, as the ledger will find it after the next step.
     fn invariant_ahead(&mut self) -> Result<T> {
+        // The invariant belongs to the velocities after the second half of the reflection. This half is
+        // applied for the energies only, and taken back below.
         let velocities: Vec<_> = self.subdomains.iter().map(|s| s.state().v.clone()).collect();
         self.apply_second_half();
         let energies: Result<Vec<T>> = self
@@ -293,6 +309,7 @@ impl<T: Real> Coupled<T> {
     fn tie_anew(&mut self, specs: &[InterfaceSpec<T>]) -> Result<()> {
         let (partition, findings) = partition::check(&self.subdomains, specs)?;
         let (mut built, joints) = setup::interfaces_of(specs, findings, &self.subdomains, &mut |_| ())?;
+        // Supports are compared from this instant on: what they did before is past.
         let span = motions::Span {
             start: self.time.as_f64(),
             end: None,
@@ -318,6 +335,8 @@ impl<T: Real> Coupled<T> {
         }
         for (k, giver) in givers.iter().enumerate() {
             let s = &mut self.subdomains[k];
+            // The average acceleration is stable at any step. Equal masses mean equal weights, hence the
+            // critical step of before.
             if s.step_choice() == OwnStep::Implicit || giver.inertia == s.inertia() {
                 continue;
             }

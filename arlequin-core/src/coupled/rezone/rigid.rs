@@ -26,6 +26,7 @@ fn for_each_free<T: Real>(
     let (m, free, q) = (s.inertia(), s.inverse_inertia(), &s.state().q);
     for (node, x) in s.model().nodes().iter().enumerate() {
         let mut arm = x.coords - centre;
+        // With the arms of the ledger, or the momenta restored would not be those that it reports.
         if arms == Arms::Current {
             (0..d).for_each(|c| arm[c] += q[node * d + c]);
         }
@@ -36,6 +37,7 @@ fn for_each_free<T: Real>(
             let mut motion = Vector6::zeros();
             motion[c] = T::one();
             motion.fixed_rows_mut::<3>(3).copy_from(&turn);
+            // Held and driven unknowns keep the velocities of their supports.
             if free[k] > T::zero() {
                 visit(k, m[k], &motion);
             }
@@ -105,6 +107,8 @@ fn solve<T: Real>(inertia: &Matrix6<T>, missing: &Vector6<T>) -> Vector6<T> {
     let least = eigen.eigenvalues.amax() * T::of(FREE).max(T::epsilon() * T::of(16.0));
     let mut out = Vector6::zeros();
     for (value, mode) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        // Motions without inertia among the free unknowns, such as the spin of a line about itself or what
+        // supports hold, stay zero.
         if *value > least {
             out += mode * (mode.dot(&load) / *value);
         }

@@ -64,6 +64,8 @@ impl<T: Real> Giver<T> {
     /// Mass that a node has gained; zero if that is round-off.
     fn gain(&self, s: &Subdomain<T>, node: usize) -> T {
         let (new, old) = (s.inertia()[node * self.components], self.mass(node));
+        // Smaller differences are round-off of the weights; as gains they could ask for a giver where there
+        // is none.
         if new - old > new * T::epsilon() * T::of(DIGITS) {
             new - old
         } else {
@@ -84,10 +86,12 @@ pub(super) fn hand_over<T: Real>(
     ties: &[InterfaceSpec<T>],
 ) -> Result<()> {
     let gains: Vec<_> = givers.iter().zip(&*subdomains).map(|(g, s)| g.gains(s)).collect();
+    // The states of all models are found before one is written: an error leaves all of them as they were.
     let mut received = Vec::new();
     for (k, gains) in gains.iter().enumerate() {
         let partners = |of: &dyn Fn(&InterfaceSpec<T>) -> [usize; 2]| {
             let mut out: Vec<usize> = ties.iter().map(of).filter(|p| p[0] == k).map(|p| p[1]).collect();
+            // A partner counts once, however many interfaces tie it.
             out.sort_unstable();
             out.dedup();
             out
@@ -96,6 +100,7 @@ pub(super) fn hand_over<T: Real>(
             partners(&|t| [t.coarse, t.fine]),
             partners(&|t| [t.fine, t.coarse]),
         );
+        // A model that only gives keeps its state, and needs no partner that could give.
         if !gains.contains(&true) {
             continue;
         }
@@ -157,8 +162,12 @@ fn mix<T: Real>(s: &mut Subdomain<T>, giver: &Giver<T>, received: &[Received<T>]
             let share = (new - old) / new;
             let mixed = |own: T, given: T| {
                 if old > T::zero() {
+                    // In this form a state that both share stays as it is to the last bit: rigid flight costs
+                    // nothing.
                     own + share * (given - own)
                 } else {
+                    // A node that wakes has no state of its own: its displacement is that of when it fell
+                    // asleep.
                     given
                 }
             };
@@ -185,6 +194,7 @@ fn rows<T: Real>(
         }
         match field.shape_at(&nodes[node], gradient, &mut row) {
             Ok(()) => Ok(Some(row)),
+            // Nodes beyond the surface of the field get their rows below, by its continuation.
             Err(Error::OutsideDomain { .. }) => Ok(None),
             Err(e) => Err(e),
         }
@@ -202,6 +212,8 @@ fn rows<T: Real>(
         let mut row = ShapeRow::default();
         match reach.shape_at(&nodes[node], gradient, &mut row, &mut work) {
             Ok(()) => *out = Some(row),
+            // Too far from this field. The caller knows if another model holds the node, and refuses it if
+            // none does.
             Err(Error::OutsideDomain { .. }) => {}
             Err(e) => return Err(e),
         }
@@ -256,6 +268,7 @@ impl<T: Real> Sums<T> {
         let middle = self.arm / self.weight;
         let spread = self.square / self.weight - middle * middle.transpose();
         let eigen = spread.symmetric_eigen();
+        // Nodes on a line or in a plane leave the slopes across it undetermined; the fit takes them as zero.
         let least = eigen.eigenvalues.amax() * T::of(FLAT);
         // Where the slopes act: the middle, without parts along axes in which the nodes do not spread.
         let mut lever = Vector3::zeros();
@@ -267,6 +280,7 @@ impl<T: Real> Sums<T> {
         Some([0, 1].map(|k| {
             let mean = self.value[k] / self.weight;
             let cross = self.slope[k] / self.weight - mean * middle.transpose();
+            // The value at the coarse node, where the arm is zero; coefficients of the fit are not needed.
             self.first[k] + mean - cross * lever
         }))
     }
@@ -298,6 +312,8 @@ impl<T: Real> Means<T> {
                 .filter_map(|(i, r)| Some((i, r.as_ref()?)))
             {
                 for (&j, &n) in row.nodes.iter().zip(&row.values) {
+                    // The linear continuation of a shape function may be negative, and a mean needs positive
+                    // weights.
                     if wanted[j] && n > T::zero() {
                         let x = [0, 1].map(|what| giver.vector(what, i));
                         sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), x);
@@ -409,6 +425,7 @@ fn from_coarse<T: Real>(
         let (share, sum) = &sums[node];
         if *share <= T::zero() {
             let x = &s.model().nodes()[node];
+            // No coarse model holds the node: the mean below would be 0/0.
             return Err(outside(x, "coarse model of a change of weights"));
         }
         let [q, v, turn, spin] = sum.map(|x| x / *share);

@@ -259,6 +259,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
     }
     if let Some([young, poisson]) = wanted.target {
         let mut trial = 0;
+        // The packings stay: only constants of the beams change between trials.
         let beams = beam_for(young, poisson, beam.poisson, |b| {
             trial += 1;
             let tests = run(&sample.test, &packings, b, &format!("trial {trial}"), progress)?;
@@ -280,6 +281,7 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         out.warnings.extend(test.warnings(asked));
         out.toughness = Some(test);
     }
+    // Last, since the bars get their notches there, and all other tests need whole bars.
     if let Some(asked) = &wanted.strength {
         let bars = match sizes {
             None => vec![(sample, packings)],
@@ -335,6 +337,7 @@ fn run(
     match test {
         Test::Tension(shape) | Test::Strip(shape, ..) => {
             with_progress(packings.iter(), what, progress, |p| {
+                // A loose piece would make the static system singular.
                 p.connected("a tension test")?;
                 // Statics does not use the density.
                 tension_test(&p.bonded(beam, 1.0)?, shape)

@@ -146,6 +146,7 @@ impl Sample {
     /// Returns the same bar of spheres of another mean diameter \[m\].
     pub(super) fn with_spacing(&self, spacing: f64) -> Result<Self> {
         let mut table = self.table.clone();
+        // Number and diameter exclude each other.
         (table.dem.count, table.spacing) = (None, Some(spacing));
         let seeds = self.recipes.len() as u64;
         Self::bar(seeds, &self.key, table, self.folder.clone(), self.beam)
@@ -391,6 +392,7 @@ fn recipes(
             Recipe::from_table(model_key, table, folder, filling)?,
         )]);
     }
+    // From the seed of the scene on, so that the first packing is made like that of the scene.
     let first = table.dem.seed.unwrap_or(1);
     let mut table = table.clone();
     let seeded = (first..).take(seeds as usize).map(|seed| {
@@ -411,6 +413,7 @@ fn periodic(wanted: &Wanted, model_key: String, table: LoweredModel, beam: BeamM
     let count = wanted.count.unwrap_or(PERIODIC);
     // Moduli do not depend on the size of the spheres, so any diameter will do.
     let diameter = table.spacing.unwrap_or(1e-3);
+    // The cube has the volume fraction of a jammed periodic packing, so that the spheres fill it.
     let edge = (count as f64 * mean_sphere_volume(diameter) / JAMMED_PERIODIC).cbrt();
     let container = Container::periodic(edge).map_err(dem(&model_key))?;
     let first = table.dem.seed.unwrap_or(1);

@@ -169,11 +169,13 @@ fn exponents(rows: &[SizeStrength]) -> Vec<Exponent> {
             .filter(|r| r.criterion == name)
             .map(|r| [r.diameter.ln(), r.body.mean.ln()])
             .collect();
+        // Least squares in logarithms: the slope is the exponent of a power law.
         let n = points.len() as f64;
         let mean = |c: usize| points.iter().map(|p| p[c]).sum::<f64>() / n;
         let (x, y) = (mean(0), mean(1));
         let across: f64 = points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum();
         let along: f64 = points.iter().map(|p| (p[0] - x).powi(2)).sum();
+        // A single size has no slope.
         (along > 0.0).then(|| Exponent {
             criterion: name,
             power: across / along,

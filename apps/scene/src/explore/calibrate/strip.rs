@@ -88,7 +88,9 @@ pub(super) fn sample(
         let rule = "spheres of a file are no strip with a crack: give --box with --spacing";
         return Err(key(format!("{model_key}.dem.file"), rule));
     }
+    // The spheres of a file fill another shape; those of the strip are made by the options.
     (table.dem.file, table.dem.radii) = (None, None);
+    // The strip has a crack of its own.
     table.dem.notch.clear();
     let mut notes = Vec::new();
     if wanted.cuboid.is_some() {

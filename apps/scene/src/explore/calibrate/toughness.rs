@@ -101,6 +101,7 @@ pub(super) fn test_toughness(
     let seeds = sample.recipes.iter().map(|r| r.0);
     let work: Vec<_> = seeds.zip(packings).zip(bars).collect();
     let strips = with_progress(work.into_iter(), "strips", progress, |((seed, packing), bar)| {
+        // With the modulus of this packing: packings of other seeds have others.
         let strip = strip(bar.young);
         let test = toughness_test(packing, sample.beam, &strip, fracture).map_err(dem(&sample.key))?;
         // The twin's J is proportional to the modulus.
@@ -165,7 +166,9 @@ fn twin(strip: &Strip, nu: f64) -> Result<f64> {
     // The front lies on a line of the mesh.
     let step = length / along as f64;
     let front = ((0.5 * (from + to) - strip.low[0]) / step).round() * step;
+    // The box of the crack must hold the nodes of its plane, and no others.
     let (middle, slack) = (0.5 * height, 0.01 * element);
+    // Statics is linear: J over the square of one elongation holds for all.
     let elongation = 1e-4 * height;
     let text = format!(
         "[model.strip]\nkind = \"fem\"\ndivisions = [{along}, {TWIN}, {}]\n\
