@@ -20,13 +20,13 @@ const ROUGH: f64 = 3.0;
 /// Position of a point relative to an extent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Cover {
-    /// The model is not here.
+    /// The model is absent at the point.
     Outside,
     /// Near the surface, within its accuracy: the model may count as present or as absent.
     Surface,
     /// Between particles of the model.
     Hole,
-    /// The model is here.
+    /// The model is present at the point.
     Inside,
 }
 
@@ -138,7 +138,7 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    /// Cells, with a section of one for lines; empty for an extent without cells.
+    /// Cells; lines have unit section. Empty for an extent without cells.
     pub(crate) fn cells(&self) -> &[Cell<T>] {
         match &self.shape {
             Shape::Cells { cells, .. } => cells,

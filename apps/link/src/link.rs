@@ -76,7 +76,8 @@ impl Link {
         })
     }
 
-    /// Replaces "closed" by the way the process ended, if the run started the process.
+    /// Replaces the error that the connection is closed by the way in which the process ended, if the run
+    /// started the process.
     fn explained(&mut self, e: Error) -> Error {
         let (Some(child), Error::Closed { expected, .. }) = (&mut self.child, &e) else {
             return e;

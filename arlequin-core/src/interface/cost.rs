@@ -22,18 +22,21 @@ pub struct SolutionTime {
 /// Size of a multiplier solve.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Work {
-    /// Multiplier unknowns, and components that share an operator.
+    /// Number of multiplier unknowns.
     pub(super) unknowns: usize,
+    /// Number of components that share one operator.
     pub(super) shared: usize,
-    /// Entries of the factor (`None` if there can be none) and of the operator.
+    /// Number of stored entries of the factor; `None` if a factor is impossible.
     pub(super) factor: Option<usize>,
+    /// Number of stored entries of the operator.
     pub(super) operator: usize,
     /// Expected iterations of conjugate gradients.
     pub(super) gradients: f64,
 }
 
 impl Work {
-    /// Returns the durations on `ranks` ranks: by a factor if there can be one, and by conjugate gradients.
+    /// Returns the expected durations on `ranks` ranks: that of a factor, if a factor is possible, and that
+    /// of conjugate gradients.
     pub(super) fn on(&self, ranks: usize) -> Vec<SolutionTime> {
         let ranks = ranks.max(1) as f64;
         let rounds = ranks.log2();

@@ -84,9 +84,9 @@ struct Outcome<T: Real> {
     at_least: bool,
     /// Estimates of the smallest non-zero and the largest eigenvalue of the scaled operator.
     range: [f64; 2],
-    /// Entries of the factor; `None` if there can be none.
+    /// Number of stored entries of the factor; `None` if a factor is impossible.
     entries: Option<usize>,
-    /// `None` if they are not known.
+    /// Null modes of the block; `None` if they are unknown.
     null_modes: Option<Vec<NullMode>>,
 }
 
@@ -350,8 +350,8 @@ fn find_blocks<T: Real>(
     Ok(analysis)
 }
 
-/// Chooses the solver of one block and finds its properties. `passes`: entries read to apply the block by
-/// both sides.
+/// Chooses the solver of one block and finds its properties. `passes` is the number of matrix entries that
+/// are read if the block is applied side by side instead of as one matrix.
 fn block<T: Real>(
     options: &InterfaceOptions<T>,
     s: &CsMat<T>,

@@ -25,9 +25,10 @@ pub(super) struct Parts<T> {
     lists: Lists,
     /// Owner of each block of multipliers.
     owners: Vec<u32>,
-    /// Range of this rank's pieces of each partitioned side, in `pool`.
+    /// Range in `pool` of the pieces that this rank computes itself, per side; `None` for sides that are not
+    /// partitioned.
     own_pieces: Vec<Option<Range<usize>>>,
-    /// This rank's pieces, then the received ones.
+    /// Pieces that this rank computed, then those that it received.
     pool: Vec<T>,
     sums: Vec<T>,
     shared: usize,
@@ -42,9 +43,10 @@ struct Lists {
     owned: Vec<u32>,
     /// Work (entries and pieces) before each owned multiplier, to split the loop among threads.
     before: Vec<usize>,
-    /// Places in `pool` of the pieces of each owned multiplier and side, and the first place of each such
-    /// list.
+    /// Places in `pool` of all pieces of the owned multipliers: one list for each multiplier and side, one
+    /// after another.
     places: Vec<u32>,
+    /// Start of each such list in `places`.
     starts: Vec<u32>,
 }
 
@@ -90,8 +92,8 @@ fn block_owners<T: Real>(sides: &[Transfer<T>], owned: &[&Owned]) -> Vec<u32> {
 }
 
 impl Lists {
-    /// Finds the place of every piece. `next`: first place of this rank's pieces of each side. `peers`: in,
-    /// the places of received pieces; out, also the places of the pieces to send.
+    /// Finds the place of every piece. `next` holds the first place of this rank's pieces of each side.
+    /// `peers` holds the places of received pieces; the places of the pieces to send are added to it.
     fn new<T: Real>(
         sides: &[Transfer<T>],
         owned: &[&Owned],

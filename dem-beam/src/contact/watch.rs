@@ -23,7 +23,7 @@ const GROUP: usize = 64;
 /// Pairs, or blocks of particles, per unit of parallel work.
 const CHUNK: [usize; 2] = [2_048, 32];
 
-/// Share of a bound that covers its round-off, and share of the coordinates that covers theirs.
+/// Relative margins for round-off: of a bound, and of the coordinates.
 const ROUND_OFF: [f64; 2] = [1e-9, 1e-14];
 
 /// Lowest and highest components of some displacements \[m\].
@@ -57,14 +57,16 @@ impl Group {
 /// Particles come in slices of one or two bodies; the blocks of the second body follow those of the first.
 #[derive(Debug, Default)]
 pub(super) struct Watch {
-    /// Number of the search that made the list whose pairs are watched, and number of pairs in groups.
+    /// Number of the search that made the watched list.
     search: usize,
+    /// Number of pairs in `groups`.
     grouped: usize,
     /// Gaps at the last measurement \[m\]; minus infinity for pairs that have closed since.
     gaps: Vec<f64>,
     /// Displacements at the last measurement \[m\].
     measured_at: [Vec<f64>; 2],
-    /// How far the particles of each block were from their places in the last search \[m\].
+    /// Largest distance of the particles of each block from their positions in the last search \[m\], at the
+    /// last measurement.
     strayed: Vec<f64>,
     /// Bound of the round-off of a distance \[m\].
     round_off: f64,
@@ -73,7 +75,7 @@ pub(super) struct Watch {
     blocks_of: Vec<u32>,
     /// Motion of each block since the last measurement.
     moved: Vec<Span>,
-    /// Sum over the steps of the most by which a diagonal can have grown since the last measurement \[m\].
+    /// Upper bound of the growth of any diagonal since the last measurement \[m\], summed step by step.
     crept: f64,
     /// Number of pairs looked at in vain since the last measurement.
     in_vain: usize,
@@ -98,10 +100,12 @@ impl Watch {
         self.moved.clear();
     }
 
-    /// Takes the displacements `q` and returns whether the bounds hold for a list of `pairs` pairs, whose
-    /// first pairs are those of search number `search`. If not, all pairs have to be measured.
+    /// Takes the displacements `q` and returns whether the bounds are valid for a list of `pairs` pairs. If they
+    /// are not, all pairs must be measured. Search number `search` made the list; pairs of bonds that have
+    /// broken since are appended to it.
     ///
-    /// Particles that strayed by more than half the `skin` from their places `built` make a list stale.
+    /// A list is stale once a particle is more than half the `skin` away from `built`, its position in the
+    /// search.
     pub(super) fn follow(
         &mut self,
         grains: &mut [Grains],
@@ -265,8 +269,8 @@ impl Watch {
         }
     }
 
-    /// By how much pairs of group `n` can have approached each other since all were measured \[m\]; `None` if
-    /// none of them can have closed.
+    /// Largest distance by which the gap of a pair in group `n` can have shrunk since all were measured \[m\];
+    /// `None` if no pair of the group can have closed.
     fn approach(&mut self, n: usize) -> Option<f64> {
         let Some(g) = self.groups.get_mut(n) else {
             return Some(f64::INFINITY);
@@ -324,8 +328,8 @@ fn joined([low, high]: Span, other: &Span) -> Span {
     ]
 }
 
-/// Writes the motion of every block from the displacements `from` to `q`. Returns the most by which a side of
-/// a box has moved outwards \[m\].
+/// Writes the motion of every block from the displacements `from` to `q`. Returns the largest distance by
+/// which a side of a box has moved outwards \[m\].
 fn motions(moved: &mut [Span], q: &[f64], from: &[f64]) -> f64 {
     let motion = |(moved, (q, from)): (&mut Span, (&[f64], &[f64]))| {
         let [low, high] = std::mem::replace(moved, motion(q, from));

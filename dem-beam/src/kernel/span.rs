@@ -75,7 +75,7 @@ impl Grid {
 pub(crate) struct Slot {
     /// Span from the lane's own particle to the other end, in steps of the grid.
     pub(super) span: [[i32; LANES]; 3],
-    /// `w/l³` in units of the grid.
+    /// `w/l³` of the bond, with weight `w` and length `l`, in units of the grid.
     pub(super) stiffness: [f32; LANES],
 }
 

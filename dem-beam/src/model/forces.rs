@@ -176,12 +176,14 @@ impl Cut for Placing<'_> {
 #[derive(Debug)]
 pub(crate) struct Gather<W: Posed> {
     layout: Layout,
-    /// Rows of the particles at the positions reached last, and their rotation unknowns there.
+    /// Rows of the particles in the state reached last.
     rows: Vec<CacheLine>,
+    /// Rotation unknowns in the state reached last.
     reached: Vec<f64>,
-    /// Rows and rotation unknowns for forces at positions that are not to be reached. Empty for a law whose
-    /// rows depend on the unknowns alone.
+    /// Rows for trial positions, at which forces are computed without advancing the orientations. Empty for a
+    /// law whose rows depend on the unknowns alone.
     tried: Vec<CacheLine>,
+    /// Rotation unknowns at the trial positions.
     tried_at: Vec<f64>,
     /// Energy sums of the parts of a pass.
     sums: Vec<Sums>,

@@ -72,7 +72,7 @@ pub(crate) trait Kind: Sync {
         Ok(())
     }
 
-    /// Elements with a strain; `None` if the model has none.
+    /// Elements in which a strain can be read; `None` if the model has no such elements.
     fn elements(&self) -> Option<Elements> {
         None
     }

@@ -23,7 +23,7 @@ pub(super) struct Total {
     load: usize,
     model: usize,
     parts: Vec<(Point3<f64>, f64)>,
-    /// Distance from one of its points up to which the load covers another point \[m\].
+    /// Largest distance \[m\] from one of `parts` at which a point still counts as loaded.
     reach: f64,
     /// Area of the loaded surface \[m²\].
     area: f64,

@@ -87,8 +87,8 @@ fn lengths() -> Vec<f64> {
     waves::wavelengths(0.01, 3.0, 60)
 }
 
-/// Returns the best junction length over the mediator's with its condition number, and the condition
-/// numbers at all lengths.
+/// Returns the junction length with the smallest condition number, this number, and the condition numbers at
+/// all tested lengths. Lengths are relative to the mediator's element length.
 fn best_length(overlap: f64, mediator: f64) -> Result<((f64, f64), Vec<f64>)> {
     let mut best = (0.0, f64::INFINITY);
     let mut curve = Vec::new();

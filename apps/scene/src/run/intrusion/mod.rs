@@ -446,7 +446,7 @@ fn obstacles(scene: &LoweredScene) -> Result<Vec<Rigid>> {
     Ok(out)
 }
 
-/// Returns the body of each model; models that interfaces join have one number.
+/// Returns the number of the body to which each model belongs. Interfaces join models to one body.
 fn bodies(run: &Coupled<f64>) -> Vec<usize> {
     let mut out: Vec<usize> = (0..run.subdomains().len()).collect();
     for i in run.interfaces() {
