@@ -35,6 +35,7 @@ impl<T: Real> Rows<T> {
             columns.push(column as u32);
             values.push(value);
         }
+        // Numbers of entries become places of the first entries.
         (0..count).for_each(|k| starts[k + 1] += starts[k]);
         Self {
             starts,
@@ -102,6 +103,7 @@ pub(super) fn fill_rows<T: Real, const N: usize>(
     row: &(impl Fn(usize) -> [T; N] + Sync),
 ) {
     let entries = before(rows.end) - before(rows.start);
+    // Each row is one sum, so cutting between rows changes no bits.
     if rows.len() < 2 || entries <= GRAIN || !parallel::pays(entries * N) {
         return rows.zip(out).for_each(|(k, out)| *out = row(k));
     }
@@ -165,6 +167,7 @@ impl<T: Real> Transfer<T> {
         mut entries: Vec<(usize, usize, T)>,
         mobility: &dyn Fn(usize) -> Vec<T>,
     ) -> Self {
+        // Marks first, then places: an interface couples few columns of a large model.
         let mut place = vec![0; columns];
         entries.iter().for_each(|e| place[e.1] = 1);
         let coupled: Vec<usize> = (0..columns).filter(|&j| place[j] > 0).collect();
@@ -186,8 +189,10 @@ impl<T: Real> Transfer<T> {
         (0..rows).for_each(|i| pieces[i + 1] = pieces[i + 1].max(pieces[i]));
         let gather = Rows::from_entries(count as usize, cut.into_iter());
         entries.iter_mut().for_each(|e| e.1 = place[e.1]);
+        // By column and then by multiplier, so that the sums of the other direction have a fixed order, too.
         entries.sort_by_key(|e| (e.1, e.0));
         let mobility: Vec<T> = coupled.iter().flat_map(|j| mobility(*j)).collect();
+        // Prescribed unknowns have no mobility: multipliers do not change their velocities.
         let mass = |w: &T| {
             if *w == T::zero() {
                 T::zero()
@@ -222,6 +227,7 @@ impl<T: Real> Transfer<T> {
             .filter_map(|(i, j, v)| Some((i, local_column(j)?, v)));
         let size = [self.multipliers(), owned.nodes() * n];
         let mobility = |j: usize| {
+            // The mobilities of the whole model are still in place here, under its own column numbers.
             let global_column = (owned.global(j / n) * n + j % n) as u32;
             let place = self.coupled.partition_point(|c| *c < global_column) * self.shared;
             self.mobility[place..place + self.shared].to_vec()
@@ -398,6 +404,7 @@ pub(super) fn nodes<T, const N: usize>(x: &[T]) -> &[[T; N]] {
 /// Returns the sum of pieces in their order.
 #[inline]
 pub(super) fn total<T: Real, const N: usize>(mut pieces: impl Iterator<Item = [T; N]>) -> [T; N] {
+    // Begins with the first piece: zero plus it would turn a negative zero into a positive one.
     let first = pieces.next().unwrap_or([T::zero(); N]);
     pieces.fold(first, |mut sum, p| {
         (0..N).for_each(|c| sum[c] += p[c]);

@@ -64,6 +64,7 @@ impl Contacts {
             return Ok(());
         }
         let [first, second] = &self.grains;
+        // A set, since a particle may stand in several pairs.
         let mut inside = BTreeSet::new();
         let mut deepest = (0.0, [0.0; 3], 0.0);
         for pair in &list.listed.pairs {

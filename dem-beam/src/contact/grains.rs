@@ -64,6 +64,7 @@ impl Grains {
         let numbers = || (0..owned.nodes()).map(|i| owned.global(i));
         self.rest_spheres = numbers().map(|i| self.rest_spheres[i]).collect();
         self.unweighted_mass = numbers().map(|i| self.unweighted_mass[i]).collect();
+        // The part begins at rest, as the whole body did.
         self.now.clone_from(&self.rest_spheres);
         Ok(())
     }
@@ -124,6 +125,7 @@ impl Grains {
         let put = |(now, (rest_sphere, u)): (&mut Sphere, (&Sphere, &[f64; 3]))| {
             (0..3).for_each(|c| now[c] = rest_sphere[c] + u[c]);
         };
+        // Two parts at least, or a second thread has nothing to do.
         if n > 2 * CHUNK && rayon::current_num_threads() > 1 {
             let moves = self.rest_spheres.par_iter().zip(u.as_chunks::<3>().0);
             self.now
@@ -160,6 +162,8 @@ impl Grains {
     pub(crate) fn end(&self, instant: &Instant<'_, f64>, f: &[f64], i: usize) -> End {
         let place = self.unknowns(i);
         let inverse_inertia = place.map(|o| self.inverse_inertia[o]);
+        // `v_half` is half a step back: half of the kick leads to the instant itself, all of it to half a
+        // step later.
         let kick = |c: usize, others: f64| {
             let o = place[c];
             instant.v_half[o] + instant.dt * inverse_inertia[c] * (others * f[o] + self.forces[o])
@@ -186,12 +190,14 @@ impl Grains {
     /// Moves this effect's forces on particle `i` to `f`. A second call for the same particle adds nothing.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         for o in self.unknowns(i) {
+            // Taken, so that a particle with several contacts gets the forces once.
             f[o] += std::mem::take(&mut self.forces[o]);
         }
     }
 
     /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], with unweighted masses.
     pub(crate) fn top(&self, stiffness: impl Fn(f64) -> f64) -> f64 {
+        // Unweighted: a contact carries the smaller share of its two ends, so weights only lower the ratio.
         let ratios = self
             .rest_spheres
             .iter()

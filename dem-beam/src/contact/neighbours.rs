@@ -36,6 +36,7 @@ pub(super) fn rest_distance_of(a: &Sphere, b: &Sphere) -> f64 {
 /// Number of the bond between two particles, whole or broken, if there is one.
 pub(super) fn bond_between(adjacency: &Adjacency<[u32; 2]>, i: u32, j: u32) -> Option<usize> {
     let bonds = adjacency.row(i as usize);
+    // Rows of the adjacency ascend by neighbour, so bisection finds the bond.
     let k = bonds.partition_point(|e| e[0] < j);
     bonds.get(k).filter(|e| e[0] == j).map(|e| e[1] as usize)
 }
@@ -71,6 +72,8 @@ pub(super) fn search(
     [reach, skin]: [f64; 2],
     rest_distance: &(impl Fn(usize, usize) -> Option<f64> + Sync),
 ) -> Vec<Vec<Candidate>> {
+    // A sphere outside of this box has no partner: beside a small projectile, most spheres of a large body
+    // are skipped.
     let (low, high) = bounds(partners, reach);
     cells.build(partners, reach);
     let cells = &*cells;
@@ -82,6 +85,7 @@ pub(super) fn search(
         cells.around(a, |j| {
             let k = j as usize;
             let b = &partners[k];
+            // The lower number lists the pair, so that it is listed once.
             if within && k <= i || distance(a, b) > a[3] + b[3] + skin {
                 return;
             }
@@ -188,6 +192,7 @@ impl Listed {
         self.searches += 1;
         self.built.clear();
         self.built.extend(all_spheres());
+        // Cells of this size hold all partners of a sphere in the cells around its own.
         let reach = 2.0 * all_spheres().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
         let parts = search(
             &mut self.cells,
@@ -201,6 +206,7 @@ impl Listed {
 
     /// Replaces the list; closed contacts keep their springs.
     fn relist(&mut self, parts: &[Vec<Candidate>]) {
+        // Open springs hold nothing that must be kept.
         let contacts = self.pairs.iter().copied().zip(self.springs.iter().copied());
         let mut old: Vec<(Candidate, Spring)> = contacts.filter(|(_, s)| s.closed).collect();
         old.sort_unstable_by_key(|(c, _)| c.ends);
@@ -209,6 +215,7 @@ impl Listed {
         self.springs.clear();
         self.springs.resize(self.pairs.len(), Spring::default());
         for (c, s) in old {
+            // The parts come in ascending order, so the new list is sorted.
             let k = self.pairs.partition_point(|p| p.ends < c.ends);
             if self.pairs.get(k).is_some_and(|p| p.ends == c.ends) {
                 self.springs[k] = s;
@@ -247,6 +254,8 @@ impl Listed {
         let (&[searches, pairs, searched], ends) = integers.split_first_chunk::<3>()?;
         let pairs = usize::try_from(pairs).ok()?;
         let built = if searched == 1 { sphere_count } else { 0 };
+        // The number comes from a file: checked arithmetic, so that a damaged one is refused and does not
+        // overflow.
         if ends.len() != 3usize.checked_mul(pairs)? {
             return None;
         }
@@ -329,6 +338,8 @@ impl PairList {
         self.listed.refresh(now, None, |i, k| {
             let limit = rest_distance_of(&rest_spheres[i], &rest_spheres[k]);
             match bond_between(adjacency, i as u32, k as u32) {
+                // Whole bonds carry their pair themselves. A broken one pushes from where it broke on, and
+                // not before.
                 Some(b) => log.is_broken(b).then(|| limit.min(broken_at[b])),
                 None => Some(limit),
             }
@@ -356,6 +367,7 @@ impl CrossList {
     pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest_spheres: [&[Sphere]; 2]) {
         let tied = &self.tied;
         self.listed.refresh(now[0], Some(now[1]), |i, k| {
+            // Where both are tied, the multipliers already determine how they move relative to each other.
             (!(tied[0][i] && tied[1][k])).then(|| rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]))
         });
     }
@@ -415,6 +427,7 @@ pub(crate) fn count_overlaps(
     tolerance: f64,
     may_touch: impl Fn(usize, usize) -> bool,
 ) -> Option<(usize, f64)> {
+    // Without a skin: positions are looked at once.
     let reach = 2.0 * now.into_iter().flatten().fold(0.0_f64, |m, s| m.max(s[3]));
     let (low, high) = bounds(now[1], reach);
     let mut cells = CellList::default();

@@ -61,6 +61,7 @@ impl Around {
         let (low, high) = self.bounds();
         let step = (high - low) / COUNTED as f64;
         let centre = |k: usize| {
+            // Middles of equal cells, so that each point stands for the same volume.
             let place = [k / (COUNTED * COUNTED), k / COUNTED % COUNTED, k % COUNTED];
             low + Vector3::from(place.map(|i| i as f64 + 0.5)).component_mul(&step)
         };
@@ -78,6 +79,7 @@ impl Around {
     fn distance_from_part(&self, x: &Vector3<f64>) -> f64 {
         match self.border.nearest(x, self.margin) {
             Some((gap, _)) => (-gap).max(0.0),
+            // Farther from the border than the margin: only the inside of the part tells both cases apart.
             None if self.part.contains(x) => 0.0,
             None => f64::INFINITY,
         }
@@ -114,6 +116,7 @@ impl Around {
         mut wall: impl FnMut(f64, Vector3<f64>),
     ) {
         if let Some((gap, n)) = border
+            // Inside the part, where the gap is not negative, the end is farther than the margin.
             && gap < 0.0
             && self.margin + gap < reach
         {
@@ -157,6 +160,7 @@ impl Around {
         let parts = self.part.bodies();
         let restricted = |body: Surface| {
             let mut out = Self { body, ..self.clone() };
+            // A part lies in one body or in another, so one of its corners decides.
             let is_in_body = |p: &&Surface| p.vertices().iter().any(|x| out.body.contains(x));
             out.volume =
                 out.margin_volume() + parts.iter().filter(is_in_body).map(Surface::volume).sum::<f64>();

@@ -108,6 +108,7 @@ pub(super) fn details(s: &Summary) {
     momentum(&s.momentum);
     effects(&s.effect_ledger);
     for (name, p) in &s.probes {
+        // The strongest four fit on a line; all of them are in the summary.
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
         let frequencies = if shown.is_empty() {
             String::new()
@@ -171,6 +172,7 @@ fn phases(lines: &[PhaseTime]) {
     if total < SHORT && !verbose {
         return;
     }
+    // Phases below a per cent would hide those that cost.
     for p in lines.iter().filter(|p| verbose || p.seconds > 0.01 * total) {
         entry!("set-up", "{} {:.2} s", p.phase, p.seconds);
     }

@@ -298,6 +298,7 @@ fn draw_points(
     points: &[(&Run, (f64, f64))],
     coupled_front: &Points,
 ) -> std::result::Result<[bool; 4], String> {
+    // The legend names only marks that occur.
     let mut seen = [false; 4];
     for (r, p) in points {
         let on_front = coupled_front.contains(p);
@@ -349,6 +350,7 @@ fn front(points: &[(f64, f64)]) -> Points {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let mut best = f64::INFINITY;
+    // In ascending order of time, a run is on the front if it beats all runs before it.
     sorted.retain(|p| {
         let better = p.1 < best;
         best = best.min(p.1);
@@ -400,6 +402,7 @@ fn draw_hook(
     let guide: Points = errors.first().map_or_else(Vec::new, |e| {
         let (x, y) = e.2[0];
         let top = e.2.iter().map(|p| p.1).fold(0.0, f64::max);
+        // The line ends where it would leave the picture, above the largest error or right of the last value.
         let end = e.2[e.2.len() - 1].0.min(x * (top / y).sqrt());
         vec![(x, y), (end, y * (end / x).powi(2))]
     });

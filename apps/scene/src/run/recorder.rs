@@ -40,6 +40,7 @@ impl PhaseClock {
 
     /// Begins a phase and ends the previous one.
     pub fn enter(&mut self, phase: Option<Phase>) {
+        // One reading ends a phase and begins the next, so that no time is lost between them.
         let now = Instant::now();
         if let Some(p) = self.current {
             let passed = (now - self.since).as_secs_f64();
@@ -226,6 +227,7 @@ impl Recorder {
         self.effects.resume(from.effects);
         self.residuals = from.residuals;
         self.top_speed = from.top_speed;
+        // One by one: a warning that the set-up has given again must not stand twice.
         for w in from.warnings {
             self.warn(w);
         }
@@ -283,6 +285,7 @@ impl Recorder {
 
     /// Writes the last state, unless a frame of it exists already.
     pub(super) fn finish(&mut self, run: &Coupled<f64>) -> Result<()> {
+        // If the last step was due, its frame exists.
         self.write_frame(run, !run.steps().is_multiple_of(self.frame_every))
     }
 
@@ -323,6 +326,7 @@ impl Recorder {
         let k = self.readers.iter().position(|p| p.name == probe)?;
         let label = self.readers[k].quantity.label();
         let (quantity, unit) = label.strip_suffix(']')?.split_once(" [")?;
+        // Only the exact factor one changes nothing: comparison by bits.
         let prefix = match factor.to_bits() == 1.0_f64.to_bits() {
             true => String::new(),
             false => format!("{factor} "),
@@ -380,12 +384,14 @@ impl Recorder {
         for d in run.subdomains() {
             let moving = &d.state().v[..d.model().layout().translations()];
             let largest = moving.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            // All ranks take part in the maximum, so that all of them compare with the same speed.
             let top = d.owned().largest(largest);
             self.top_speed = self.top_speed.max(top);
         }
         self.residuals.resize(run.interfaces().len(), 0.0);
         for k in 0..run.interfaces().len() {
             let jump = run.jumps(k)[0];
+            // Before anything moves, the jump is zero over zero.
             if self.top_speed > 0.0 {
                 self.residuals[k] = self.residuals[k].max(jump / self.top_speed);
             }

@@ -231,6 +231,7 @@ pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Ve
         if let Some(s) = &i.spin {
             spin(&path, s, body, &mut v)?;
         }
+        // Speeds are worked out only for a wave that gives none.
         let speeds = match &i.wave {
             Some(w) if w.speed.is_none() => bar_speeds(&path, body)?,
             _ => Vec::new(),
@@ -273,6 +274,7 @@ fn spin(path: &str, s: &Spin, body: &Body, v: &mut [f64]) -> Result<()> {
         let turn = rate.cross(&(x - centre));
         v.iter_mut().zip(turn.iter()).for_each(|(v, t)| *v += t);
     }
+    // Nodes turn with the body: without their spins, bonds would be bent from the first step on.
     if layout.turns() {
         for (k, v) in v[layout.translations()..].iter_mut().enumerate() {
             *v += rate[k % 3];
@@ -308,6 +310,7 @@ fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
             let s = x[p.along.index()];
             along(
                 p.component,
+                // Horner's rule, from the highest power down.
                 p.coefficients.iter().rev().fold(0.0, |sum, c| sum * s + c),
             )
         }
@@ -317,6 +320,7 @@ fn field_at(field: &Field, x: &Point3<f64>) -> Vector3<f64> {
 /// Displacement and velocity of the travelling wave `A cos²(π (x − centre)/width)`, with `u̇ = −c u'`.
 fn wave_at(w: &Wave, x: &Point3<f64>, speed: f64) -> (Vector3<f64>, Vector3<f64>) {
     let s = (x[w.along.index()] - w.centre) / w.width;
+    // The formula repeats itself outside of its one period, and the wave does not.
     if s.abs() >= 0.5 {
         return (Vector3::zeros(), Vector3::zeros());
     }

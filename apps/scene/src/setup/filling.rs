@@ -352,6 +352,7 @@ fn read(path: &str, table: &LoweredModel, file: &Path, filling: &Filling) -> Res
         let rule = "spheres are read from CSV (.csv, lines x,y,z,r), VTU (.vtu) or its pieces (.pvtu)";
         return Err(value(key_path, file.display(), rule));
     };
+    // Files hold places in the scene, containers have a frame of their own.
     positions.iter_mut().for_each(|x| *x -= filling.shift);
     let z = t.coordination.unwrap_or(6.2);
     Packing::from_spheres_with(&filling.container, &positions, &radii, z, fate(t.loose))
@@ -360,6 +361,7 @@ fn read(path: &str, table: &LoweredModel, file: &Path, filling: &Filling) -> Res
 
 /// Folder of the packing cache: `ARLEQUIN_CACHE`, or `arlequin` in the user's cache folder.
 fn cache() -> Option<PathBuf> {
+    // The XDG specification takes an empty variable as one that is not set.
     let folder = |name: &str| {
         std::env::var_os(name)
             .filter(|v| !v.is_empty())
@@ -378,6 +380,7 @@ pub fn beam(path: &str, table: &LoweredModel) -> Result<BeamMaterial> {
         radius_ratio,
         ..
     } = table.dem;
+    // Both together decide the stiffness: a radius without a modulus would change that of the body unseen.
     if radius_ratio.is_some() && young.is_none() {
         let rule = "decides the stiffness together with dem.young; give both";
         return Err(key(format!("{path}.dem.radius_ratio"), rule));
@@ -405,6 +408,7 @@ pub fn beam(path: &str, table: &LoweredModel) -> Result<BeamMaterial> {
             &rule,
         ));
     }
+    // Any length will do: the check is that of the constants.
     beam.rigidity(1.0).map_err(dem(format!("{path}.dem")))?;
     Ok(beam)
 }
@@ -475,6 +479,7 @@ pub(super) fn unlike_the_body(
     };
     let main = table.material?;
     let [body_young, ratio] = [main.young, main.poisson.unwrap_or(0.0)];
+    // The measured stiffness holds for this packing in its place; that of the beams is a mean over packings.
     let [young, poisson] = match likeness {
         Some(measured) => [body_young * measured.stiffness, beam.bulk()[1]],
         None => beam.bulk(),

@@ -98,6 +98,7 @@ impl Parser<'_> {
     }
 
     fn sum(&mut self) -> Result<Node, String> {
+        // Brackets nest by recursion: without a limit a long line could overflow the stack.
         self.depth += 1;
         if self.depth > DEEP {
             return Err(format!("is nested more than {DEEP} deep"));
@@ -132,6 +133,7 @@ impl Parser<'_> {
         let mut negative = false;
         loop {
             if self.sign('-') {
+                // Signs before a factor cancel in pairs: `--t` is `t`.
                 negative = !negative;
             } else if !self.sign('+') {
                 break;
@@ -177,6 +179,7 @@ impl Parser<'_> {
     fn number(&mut self) -> Result<Node, String> {
         let text = self.remainder.as_bytes();
         let exponent = |k: usize| k > 0 && matches!(text[k - 1], b'e' | b'E');
+        // A sign belongs to the number only behind its exponent letter; elsewhere it is an operator.
         let digits = self.take(|k, c| {
             c.is_ascii_digit() || c == '.' || matches!(c, 'e' | 'E') || ("+-".contains(c) && exponent(k))
         });
@@ -305,6 +308,7 @@ fn rows(path: &str, folder: &Path, name: &str) -> Result<Vec<(f64, f64)>> {
             let rule = format!("'{name}' line {line}: needs two numbers, time [s] and value");
             return Err(key(format!("{path}.file"), rule));
         };
+        // Interpolation divides by the difference of two times.
         if out.last().is_some_and(|l| l.0 >= t) {
             return Err(falling(path, name, line));
         }

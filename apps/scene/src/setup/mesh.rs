@@ -89,6 +89,7 @@ impl Grid {
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
                     (a.min(*x), b.max(*x))
                 });
+            // Cells count by their middle: each of them wholly or not at all.
             let middle = places.iter().sum::<f64>() / places.len() as f64;
             if middle > 0.0 && middle < (to - from).norm() {
                 sum += high - low;
@@ -175,6 +176,7 @@ impl Request<'_> {
             let rule = "must be positive [m]: 1e-3 for a file in millimetres";
             return Err(value(format!("{key}.scale"), self.scale, rule));
         }
+        // A scale of one is the default, which cannot be told from one that is given.
         let of_file = (self.scale - 1.0).abs() > 0.0 || self.volume.is_some();
         if of_file && !self.shape.is_file() {
             let rule = "scale and volume belong to shape.file; remove them";
@@ -409,6 +411,7 @@ pub(super) fn divisions_of(
         },
         (spacing, None) => {
             let h = positive_spacing(key, spacing)?;
+            // As floating-point numbers: the product of integers could overflow before it is compared.
             let total: f64 = extents.iter().map(|l| (l / h).round().max(1.0)).product();
             if total > MOST {
                 let lengths: Vec<String> = extents.iter().map(|l| format!("{l:.3e}")).collect();

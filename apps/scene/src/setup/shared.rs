@@ -171,6 +171,7 @@ impl<'a> Shared<'a> {
     /// Facets of a model on the loaded surface.
     fn facets_of<'b>(&'b self, body: &'b Body) -> impl Iterator<Item = &'b SurfaceFacet<f64>> {
         let facets = body.surfaces.get(&self.group).into_iter().flatten();
+        // The distance leaves out facets on a cut, of which only the corners lie on the surface.
         let reach = SKIN * body.spacing;
         facets.filter(move |f| self.skin.distance(&f.centre) <= reach)
     }
@@ -202,9 +203,11 @@ impl<'a> Shared<'a> {
             .iter()
             .chain([&body_part])
             .map(|p| p.carriers.exert(self.prescribed.wrench.about));
+        // Facets of zones may differ from those of the body, so a difference in force and moment remains.
         let missing = exerted.fold(self.prescribed.wrench, |wrench, part| wrench.minus(&part));
         self.make_up(&mut zones, missing)?;
         zones.push(body_part);
+        // A load without a force would only add an empty line to the ledger.
         zones.retain(|p| !p.carriers.0.is_empty());
         Ok(zones)
     }
@@ -220,16 +223,19 @@ impl<'a> Shared<'a> {
         }
         let carried: f64 = facets.iter().map(|f| f.area() * share(&f.centre)).sum();
         let whole: f64 = facets.iter().map(SurfaceFacet::area).sum();
+        // Round-off of the weights is no reason to ask for spheres at this surface.
         if carried <= NO_PART * whole {
             return Ok(part);
         }
         let body = &self.bodies[zone];
         let touching = body.groups.get(&self.group).map_or(&[][..], Vec::as_slice);
+        // By section and share: the sum of the areas is then that of the facets.
         let section = |n: usize| body.grid.radii[n].powi(2) * share(&body.model.nodes()[n]);
         let sum: f64 = touching.iter().map(|n| section(*n)).sum();
         for &n in touching {
             let x = body.model.nodes()[n];
             let distance = |f: &&SurfaceFacet<f64>| (f.centre - x).norm_squared();
+            // The nearest centre is accurate enough, since the resultant is corrected below.
             let near = facets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
             let area = carried * section(n) / sum;
             part.carriers.add(
@@ -265,6 +271,7 @@ impl<'a> Shared<'a> {
                 Some(f) => 1.0 - f.value(x),
                 None => 1.0 - zones.iter().map(|f| 1.0 - f.value(x)).sum::<f64>(),
             };
+            // Where the model carries nothing of the load, the factor does not matter and would be 0/0.
             if share > NO_PART {
                 actual.value(x) / share
             } else {

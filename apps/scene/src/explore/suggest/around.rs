@@ -85,6 +85,7 @@ pub(super) fn shell(
         return Err(key(format!("{path}.mediator.divisions"), rule));
     }
     let widths = widths(core, domain);
+    // The narrowest place decides what is reflected.
     let width = widths.iter().copied().fold(f64::INFINITY, f64::min);
     if !width.is_finite() {
         let rule = "suggest reads the width of a shell between two boxes, two balls or two cylinders, of which the \
@@ -141,6 +142,7 @@ fn widths(core: &RegionShape, domain: &RegionShape) -> Vec<f64> {
         }
         _ => Vec::new(),
     };
+    // Faces that both regions share, such as the surface of a plate, part nothing.
     all.into_iter().filter(|w| *w > 0.0).collect()
 }
 
@@ -183,6 +185,7 @@ fn sizes_of(path: &str, model: &LoweredModel) -> Result<(f64, f64)> {
         }
     };
     let divided = model.divisions.as_ref().filter(|n| n.len() == 3);
+    // The longest edge decides which waves a mesh resolves.
     let divided = divided.map(|n| (0..3).map(|c| edges[c] / n[c] as f64).fold(0.0, f64::max));
     let spacing = model.spacing.or(divided);
     let spacing = spacing.ok_or_else(|| key(path, "suggest needs its spacing [m]; give it"))?;
@@ -235,6 +238,7 @@ pub(super) fn with_models(mut s: Scenario, scene: &LoweredScene, built: &Built) 
     let mut own = Vec::new();
     let mut parts = [0.0; 2];
     for (x, m) in fine.iter().zip(mass(&models[f])?) {
+        // Weights reach one only up to round-off of the profile.
         let inside = weight.value(x) >= OWN;
         parts[usize::from(!inside)] += m;
         own.extend(inside.then_some(*x));

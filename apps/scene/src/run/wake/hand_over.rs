@@ -100,6 +100,8 @@ impl HandOver {
                 return Err(value("wake.by", &wake.by, &rule));
             }
         }
+        // The result is dropped: this call finds the errors before the first step instead of after hours of
+        // steps.
         out.start(asleep)?;
         Ok(out)
     }
@@ -111,6 +113,7 @@ impl HandOver {
         for t in &self.targets {
             let from = &asleep.subdomains()[t.source];
             let memory = from.model().save();
+            // A model that is the same in both scenes goes on with its history, such as its orientations.
             memories.push((t.is_same_model(from) && memory != Record::default()).then_some(memory));
             let mut state = self.sample(t, from)?;
             // Held unknowns start on their prescribed motion, which interpolation only approximates.
@@ -173,6 +176,7 @@ impl HandOver {
             return Ok(Placed { row, way });
         }
         let distance = |n: &Point3<f64>| (n - x).norm_squared();
+        // Nodes lie in the field for certain, so the way to one of them leads inside.
         let nearest = field
             .nodes()
             .iter()
@@ -191,6 +195,7 @@ impl HandOver {
             }
         }
         let way = (x - node) * good;
+        // Farther out the sleeping scene lacks a part of the body, which no continuation replaces.
         if way.norm() > REACH * t.spacing || !inside(field, &(x - way), &mut row)? {
             return Err(self.outside_error(t, x, way.norm()));
         }
@@ -218,6 +223,7 @@ impl HandOver {
             let d = t.layout.components;
             for i in 0..t.layout.translations() {
                 momentum[i % d] += t.inertia[i] * states[k][1][i];
+                // Held unknowns keep their motion, so that only free ones share the change.
                 if t.free[i] {
                     mass[i % d] += t.inertia[i];
                 }

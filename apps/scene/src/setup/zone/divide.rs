@@ -100,6 +100,7 @@ impl<'a> Deal<'a> {
     fn new(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
         let Zone { name, table, .. } = &cut.zones[zone];
         let width = table.overlap.width;
+        // Nodes placed on a border by the user lie on either side of it by round-off; they count as outside.
         let slack = ON_BORDER * mesh.spacing();
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
         let least = |e: usize| {
@@ -121,6 +122,7 @@ impl<'a> Deal<'a> {
             let rule = "no element of the body has a node or its middle there; make it larger or move it, or refine the body";
             return Err(key(deal.path("shape"), rule));
         }
+        // Elements of the layer between elements of the core would have the position zero throughout.
         deal.fill(Side::Layer, Side::Core);
         deal.round(cut.zones[zone].has_spheres)?;
         Ok(deal)
@@ -164,6 +166,7 @@ impl<'a> Deal<'a> {
             if filled {
                 changed |= self.part_at_edges();
             }
+            // In every round: an element removed from the layer may be its last one at this place.
             self.check_layer()?;
             if !changed {
                 return Ok(());
@@ -202,6 +205,7 @@ impl<'a> Deal<'a> {
             let rule = "the zone and its overlap take the whole body; make them smaller, or give the body that model alone";
             return Err(key(self.path("shape"), rule));
         }
+        // A node of both sides would have to be at zero and at one.
         let core = self.nodes_of(Side::Core);
         match (0..core.len()).find(|&k| core[k] && beyond[k]) {
             None => Ok(()),
@@ -226,6 +230,7 @@ impl<'a> Deal<'a> {
         let mesh = self.mesh;
         let of_layer = self.nodes_of(Side::Layer);
         let [inner, outer] = [Side::Core, Side::Beyond].map(|s| self.between(s));
+        // The position needs the distances from both borders.
         if inner.is_empty() || outer.is_empty() {
             let rule = "the overlap does not part the body's elements; take a wider one, or another zone";
             return Err(value(self.path("overlap.width"), self.width, rule));
@@ -258,10 +263,12 @@ impl<'a> Deal<'a> {
 
     /// Faces that elements of the layer share with elements of a side.
     fn between(&self, side: Side) -> Faces {
+        // Two elements share a face if its corners are the same, whatever their order.
         let mut open: HashMap<[u32; 4], usize> = HashMap::new();
         let mut out = Vec::new();
         for (facet, key) in faces_of(self.mesh, |_| true) {
             let e = facet.element as usize;
+            // The first of two elements waits here for the second.
             let Some(other_element) = open.insert(key, e) else {
                 continue;
             };
@@ -288,6 +295,7 @@ pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> V
         let corners = mesh.facet_nodes(facet);
         for (k, a) in corners.iter().enumerate() {
             let b = corners[(k + 1) % corners.len()];
+            // Neighbouring faces run along an edge in opposite directions.
             *uses.entry([*a.min(&b), *a.max(&b)]).or_default() += 1;
         }
     }
@@ -311,6 +319,7 @@ pub(super) fn faces_of(
             for (slot, k) in key.iter_mut().zip(mesh.kind().faces()[face]) {
                 *slot = mesh.element(e)[*k];
             }
+            // Sorted, since both elements list the corners in their own order.
             key.sort_unstable();
             (facet, key)
         })

@@ -134,6 +134,7 @@ impl Cut {
     }
 
     fn division(&self, folder: &Path) -> Result<&Division> {
+        // Every piece asks for the division, and dividing a body takes a search over all of its elements.
         if let Some(division) = self.division.get() {
             return Ok(division);
         }
@@ -162,6 +163,7 @@ impl Cut {
                     .into_iter()
                     .all(|k| inside(&nodes[k as usize]))
             };
+            // A box that holds no facet may still select nodes, which need no surface.
             if whole.boundary().into_iter().any(corners) {
                 whole = whole.with_surface(&mark.key, inside).map_err(fem("body"))?;
             }
@@ -272,6 +274,7 @@ impl Piece {
     pub(super) fn alone(&self, folder: &Path) -> Result<Vec<bool>> {
         let division = self.cut.division(folder)?;
         let mesh = division.field.mesh();
+        // One element of another owner is enough to rule a node out.
         let mut out = vec![true; mesh.nodes().len()];
         for (e, owner) in division.owners.iter().enumerate() {
             if *owner != divide::Owner::Zone(self.number()) {
