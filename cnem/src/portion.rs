@@ -113,6 +113,7 @@ impl Part {
     ) -> Result<(Vec<f64>, Vec<usize>)> {
         let around = || Reach::new(patched(model, self.owned()), |k| k);
         let reach = self.around.get_or_init(around);
+        // As long as the whole body, since the patches keep its numbers.
         let mut x = vec![0.0; 3 * self.owned().nodes_of_whole()];
         reach.spread::<f64, 3>(&mut reach.halo().messages(3), q, &mut x)?;
         Ok((x, reach.places(model.name(), nodes)?))
@@ -124,6 +125,7 @@ fn patched(model: &CnemModel, owned: &Owned) -> Halo {
     let patches = model.patches();
     let mut links = Vec::new();
     for i in 0..owned.nodes_of_whole() {
+        // A link counts if its ends lie on different sides, whichever of both is owned.
         let is_local = owned.local(i).is_some();
         for (cell, _) in patches.row(i) {
             let needed = model.smoothed_row(cell).0;
@@ -156,6 +158,7 @@ impl Needed {
             links.extend(around.iter().filter(|k| !is_local(k)).map(|k| [*i, *k]));
             nodes.extend(around);
         }
+        // Cells share nodes, which are received once.
         nodes.sort_unstable();
         nodes.dedup();
         Self { nodes, links }

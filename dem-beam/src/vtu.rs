@@ -124,6 +124,7 @@ impl<R: Read + Seek> Vtu<R> {
                 )));
             }
         };
+        // Without a type, headers have 32 bits: the default of the format.
         let width = match root.attribute("header_type") {
             Some("UInt64") => 8,
             _ => 4,
@@ -170,8 +171,10 @@ impl<R: Read + Seek> Vtu<R> {
             .source
             .seek(SeekFrom::End(0))
             .map_err(|e| bad(e.to_string()))?;
+        // The offset stands in the file, so that a damaged one must not lead out of it.
         let first = offset.and_then(|o| start.checked_add(o)).filter(|f| *f <= end);
         let first = first.ok_or_else(|| bad("an offset is outside the appended data"))?;
+        // The end of base64 data is known only after decoding: `base64` stops at the first other byte.
         if encoded {
             return Ok(base64(&self.read(first, u64::MAX)?));
         }
@@ -222,6 +225,7 @@ impl<R: Read + Seek> Vtu<R> {
         let mut out = Vec::new();
         for k in 0..blocks {
             let end = start.checked_add(self.word(&data, 3 + k)?)?;
+            // With the limit of the header, so that a small damaged file cannot fill the memory.
             let block = miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(data.get(start..end)?, size);
             out.extend(block.ok()?);
             start = end;
@@ -241,6 +245,7 @@ fn read_head(source: &mut impl Read) -> std::io::Result<(Vec<u8>, Option<Appende
             if count == 0 {
                 return Ok((bytes, None));
             }
+            // The mark may lie across the border of two reads.
             searched = bytes.len().saturating_sub(MARK.len());
             continue;
         };

@@ -158,6 +158,7 @@ impl<T: Real> FemModel<T> {
         let mean = |e: usize| {
             let mut cells = Vec::new();
             self.field.cells_of(e, &mut cells);
+            // A single cell is the element: weighting it by its own measure would only add round-off.
             if let [cell] = cells.as_slice() {
                 return weight.mean(cell);
             }
@@ -219,6 +220,7 @@ impl<T: Real> Model<T> for FemModel<T> {
         let means = self.element_means(weight);
         out.fill(T::zero());
         for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
+            // The owner of the node adds up the same terms in the same order.
             let Some(k) = self.row(node) else { continue };
             let m = *mass * means[slot / corners];
             out[k * c..(k + 1) * c].iter_mut().for_each(|o| *o += m);

@@ -112,12 +112,14 @@ impl<T: Real> Part<T> {
             .map(|k| near(k).any(is_foreign))
             .collect();
         let mut links = Vec::new();
+        // One buffer for all nodes: their patches are small and many.
         let mut wide: Vec<u32> = Vec::new();
         for i in self.reach.own().iter().copied() {
             wide.clear();
             wide.extend(near(i));
             wide.sort_unstable();
             wide.dedup();
+            // Most nodes lie inside the part; this test by table skips the search around them.
             wide.retain(|k| touches[*k as usize]);
             let mut named: Vec<u32> = wide
                 .iter()
@@ -173,6 +175,7 @@ impl Needed {
             corners.for_each(|k| nodes[*k as usize] = true);
             nodes
         };
+        // Two layers: the patch of a neighbour of an owned node needs the elements around that neighbour.
         let first = touching(&owned);
         let mut links = Vec::new();
         for e in &first {
@@ -278,6 +281,7 @@ impl<T: Real> FemModel<T> {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());
         let numbers = places.chain(&self.masses).chain(self.stiffness.values());
+        // By bits: parts of bodies that differ in a last digit would not fit together to the bit.
         numbers.for_each(|x| hasher.write_u64(x.as_f64().to_bits()));
         self.mesh()
             .connectivity()

@@ -101,7 +101,7 @@ pub struct Description {
     pub layout: DofLayout,
     /// Reference positions \[m\].
     pub nodes: Vec<Point3<f64>>,
-    /// Shape functions, or particles.
+    /// Geometry that interfaces use.
     pub shape: Shape,
     /// Lumped inertia of every unknown without weights \[kg, kg m²\].
     pub inertia: Vec<f64>,
@@ -278,11 +278,11 @@ pub enum Places {
 pub struct Ask {
     /// The energy whose weight is requested.
     pub share: Share,
-    /// Points or cells.
+    /// Points or cells at which it is requested.
     pub places: Places,
 }
 
-/// Codes of the kinds of places.
+/// Codes of [`Places`] in messages: points, and cells by their form.
 const POINTS: u8 = 0;
 const SEGMENTS: u8 = 1;
 const TETRAHEDRA: u8 = 2;

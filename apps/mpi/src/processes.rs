@@ -19,8 +19,9 @@ use std::fmt::Display;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Tags of messages: numbers of nodes, and the last words of a rank.
+/// Tag of messages with data of nodes.
 const DATA: i32 = 1;
+/// Tag of the report of a rank that ends the job.
 const LAST_WORD: i32 = 2;
 
 /// Time that a rank which ends the job leaves to others for their own reports.

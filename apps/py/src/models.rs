@@ -92,6 +92,7 @@ impl NativeModel {
             Kind::Fem(m) => Ok(m.clone()),
             Kind::Cnem(m) => Ok(m.clone()),
             Kind::Chain(m) => Ok(Box::new(m.clone())),
+            // A second copy of millions of particles might not fit into the memory.
             Kind::Dem(m) => Ok(m.take().ok_or_else(|| self.already_used())?),
         }
     }
@@ -211,6 +212,7 @@ impl NativeModel {
             };
             Ok(linear.stiffness().to_csr())
         });
+        // The raw arrays have the form that `scipy.sparse.csr_matrix` takes.
         let (begin, columns, values) = stiffness?.into_raw_storage();
         let numbers = |integers: Vec<usize>| PyArray1::from_iter(py, integers.into_iter().map(|k| k as i64));
         Ok((array(py, values), numbers(columns), numbers(begin)))

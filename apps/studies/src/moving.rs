@@ -157,6 +157,7 @@ impl Moving {
         let bonds = self.cells * H as usize;
         let raw: Vec<f64> = (0..bonds).map(|_| 1.0 + self.scatter * next()).collect();
         let mean = raw.iter().sum::<f64>() / bonds as f64;
+        // The bar has compliance one, so that chains of all seeds are equally long under a load.
         raw.iter().map(|c| c / mean).collect()
     }
 
@@ -228,6 +229,7 @@ impl Moving {
                 .nodes()
                 .iter()
                 .enumerate()
+                // Only nodes that were asleep are born; the others keep their state.
                 .filter(|(i, _)| own.is_asleep(*i))
             {
                 let values = other.sample(x)?;
@@ -257,6 +259,7 @@ impl Moving {
     /// State of random velocities.
     #[must_use]
     pub fn random(&self) -> State {
+        // Another sequence than that of the compliances.
         let mut next = noise(1000 + self.seed);
         let mut random = |count: usize| [vec![0.0; count], (0..count).map(|_| next()).collect()];
         [random(self.cells + 1), random(self.cells * H as usize + 1)]
@@ -276,9 +279,11 @@ impl Moving {
         let mut account = Account::default();
         let mut steps = 0;
         for n in 1..=count {
+            // From the start and not from the change before, so that rounding does not add up.
             let due = (n as f64 * shift.abs() / speed / run.dt()).round() as usize;
             run.run(due - steps, &mut Silent)?;
             steps = due;
+            // From the first zone on, for the same reason.
             let zone = self.zone.map(|x| x + n as f64 * shift);
             let change = self.rezone(run, zone)?;
             account.add(run, &change);

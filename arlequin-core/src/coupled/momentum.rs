@@ -215,6 +215,7 @@ fn momentum_of<T: Real>(s: &Subdomain<T>, arms: Arms, centre: &Vector3<T>) -> Su
     let (d, turns) = (layout.components, layout.turns());
     let (nodes, m, state) = (s.model().nodes(), s.inertia(), s.state());
     let first = layout.translations();
+    // Eight sums in one pass: the ledger asks for them at every evaluation.
     let part = |range: Range<usize>| -> [T; 8] {
         let total = range.fold(Sums::zero(), |mut sum, k| {
             let (mut p, mut y) = (Vector3::zeros(), nodes[k].coords - centre);
@@ -346,6 +347,7 @@ impl<T: Real> Coupled<T> {
         let mut group: Vec<usize> = (0..self.subdomains.len()).collect();
         let interfaces = self.interfaces.iter().map(|i| i.sides);
         for [a, b] in interfaces.chain(self.pairs.iter().map(|p| p.sides)) {
+            // The lowest number stands for the group, so that groups are ascending.
             let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
             group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
         }

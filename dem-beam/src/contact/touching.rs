@@ -29,7 +29,7 @@ struct Active {
     /// Generalised torques on both particles \[N m\].
     torque: [Vector3<f64>; 2],
     stored: f64,
-    /// Power on the velocity after the step, from the forces that were known \[W\].
+    /// Power \[W\] of the force on the velocities after the step, as the forces known at its instant give them.
     expected: f64,
 }
 

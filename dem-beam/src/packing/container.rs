@@ -144,6 +144,7 @@ impl Container {
                     wall(length - x.x, -Vector3::x());
                 }
                 let rr = x.y * x.y + x.z * x.z;
+                // Squares first: the root is taken for the few spheres near the mantle.
                 let safe = (radius - reach).max(0.0);
                 if rr > safe * safe {
                     let r = rr.sqrt();
@@ -170,6 +171,7 @@ impl Container {
         match self {
             Self::Surface(s) => s.contains(x),
             Self::Around(a) => a.contains(x),
+            // With no reach, only walls that `x` has passed report a gap.
             _ => self.gap(x, 0.0) >= 0.0,
         }
     }

@@ -108,7 +108,7 @@ pub(super) fn details(s: &Summary) {
     momentum(&s.momentum);
     effects(&s.effect_ledger);
     for (name, p) in &s.probes {
-        // The strongest four fit on a line; all of them are in the summary.
+        // The lowest four fit on a line; the summary has all of them.
         let shown: Vec<String> = p.frequencies.iter().take(4).map(|f| format!("{f:.1}")).collect();
         let frequencies = if shown.is_empty() {
             String::new()

@@ -129,6 +129,7 @@ impl Frames {
 
     /// Continues after the files of `entries`; removes frames that are not among them.
     pub fn resume(&mut self, entries: Vec<Entry>) -> Result<()> {
+        // One rank cleans the folder, so that no two remove the same file.
         let Some(folder) = self.folder.as_ref().filter(|_| self.leads()) else {
             return Ok(());
         };
@@ -154,6 +155,8 @@ impl Frames {
         let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
         let is_frame = |stem: &str| {
             let step = stem.rsplit_once('_').map(|(_, step)| step);
+            // Steps have eight digits or more, ranks fewer as a rule: this tells `MODEL_STEP` from
+            // `MODEL_STEP_RANK`.
             step.is_some_and(|s| s.len() >= 8 && is_number(s))
         };
         if ending != whole && ending != pieces {
@@ -273,7 +276,9 @@ impl Frames {
             _ => format!("{name}.{whole}"),
         };
         let path = folder.join(file);
+        // Kept and not returned: the other ranks wait in the collective calls that follow.
         to.failed = self.format.write_grid(&path, &p, piece);
+        // A file that failed is listed as well, so that its beginning is removed.
         to.files.push(path);
         let ending = if piece.is_some() { pieces } else { whole };
         let entry = self.entry(run, part, &p.name, format!("{name}.{ending}"));
@@ -410,6 +415,7 @@ fn check_visible(path: &Path, rank: usize) -> Result<()> {
 fn check_state(run: &Coupled<f64>, s: &Subdomain<f64>) -> Result<()> {
     let state = s.state();
     let finite = state.q.iter().chain(&state.v).all(|x| x.is_finite());
+    // As a number, so that one maximum over the ranks decides for all of them.
     let fault = f64::from(u8::from(!finite));
     let owned = s.owned();
     let worst = owned.largest(fault);

@@ -108,6 +108,7 @@ impl Live {
 
     /// Appends the new rows if the last write is [`WAIT`] ago or a frame was written.
     pub(crate) fn flush(&mut self, folder: &Path, tables: [&Table; 3], framed: bool) -> Result<()> {
+        // With every frame, so that tables and pictures that are read during a run go together.
         if !framed && self.last.elapsed() < WAIT {
             return Ok(());
         }
@@ -116,6 +117,7 @@ impl Live {
                 continue;
             }
             let mut options = File::options();
+            // The first write replaces the table of an earlier run.
             if *rows == 0 {
                 options.create(true).write(true).truncate(true);
             } else {
@@ -127,6 +129,7 @@ impl Live {
                 .map_err(write(&path))?;
             *rows = table.times.len();
         }
+        // After the writes: a slow disk then does not take all of the time.
         self.last = Instant::now();
         Ok(())
     }
@@ -158,6 +161,7 @@ pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>
     if breaks.iter().all(Option::is_none) {
         return Ok(());
     }
+    // A stable sort: breaks at one time keep the order of models and of their logs.
     rows.sort_by(|a, b| a.1.time.total_cmp(&b.1.time));
     let mut text = "time [s],model,x [m],y [m],z [m],mode,released [J],in an overlap [-]\n".to_owned();
     for (k, e) in &rows {

@@ -40,6 +40,7 @@ impl RunFolder {
         let origin = Origin::from_scene(scene)?;
         let ranks = scene.ranks();
         let place = ranks.leads().then_some(place);
+        // Only one rank sees the folder, and all of them must stop if it is refused.
         ranks.together(place.as_ref().map_or(Ok(()), Place::check))?;
         Ok(Self {
             place,
@@ -149,6 +150,7 @@ impl Session<'_> {
     ) -> Result<Results> {
         let written = end.and_then(|end| {
             let mut remaining = None;
+            // Before the results: a failure to write them then leaves a run that can be resumed.
             if end.can_resume() {
                 self.save()?;
                 if self.keep.is_none() {

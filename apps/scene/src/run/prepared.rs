@@ -52,6 +52,7 @@ impl Scene {
 impl Prepared {
     fn new(scene: &Scene, report: &mut dyn FnMut(&str, usize, usize)) -> Result<Self> {
         let begin = Instant::now();
+        // An unknown format is refused before minutes of packing.
         writer(&scene.spec().output)?;
         let (asleep, built) = match &scene.spec().wake {
             None => {
@@ -164,6 +165,7 @@ fn last_checkpoint(target: &Path) -> Result<Checkpoint> {
             target.display()
         ));
     }
+    // Another version may compute other bits, so that the run would not be continued but changed.
     if saved.version != env!("CARGO_PKG_VERSION") {
         return refuse(format!(
             "was written by version {}, this is {}; resume it with the version that wrote it",
@@ -202,10 +204,12 @@ impl Resumed {
         communicator: Option<Arc<dyn Communicator>>,
     ) -> Result<Self> {
         let begin = Instant::now();
+        // The checkpoint holds the text of the scene: changes to the scene file since then do not count.
         let mut scene = together(communicator.as_ref(), saved.origin.scene())?;
         if let Some(c) = &communicator {
             scene = scene.on_ranks(c.clone())?;
             let step = saved.snapshot.step as u64;
+            // Ranks on different file systems may hold checkpoints of different steps.
             scene.ranks().agree("the checkpoint", step)?;
         }
         let built = match &saved.wake {

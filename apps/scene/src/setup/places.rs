@@ -100,6 +100,7 @@ fn meets(path: &str, selection: &Selection, name: &str, ends: [Vector3<f64>; 2])
 /// The key, and the known groups or the reason.
 pub(super) fn check_fillings(scene: &LoweredScene, folder: &Path) -> Result<()> {
     for (name, table) in &scene.model {
+        // `check_meshes` looks at the nodes of all other models.
         if !kind(table.kind).has_spheres() {
             continue;
         }
@@ -113,6 +114,7 @@ pub(super) fn check_fillings(scene: &LoweredScene, folder: &Path) -> Result<()> 
         });
         let selections = supports.chain(loads).chain(probes);
         let on_model: Vec<_> = selections.filter(|(_, model, ..)| *model == name).collect();
+        // A model that nothing names needs no container; building one may mean to read a file.
         if on_model.is_empty() {
             continue;
         }
@@ -203,11 +205,13 @@ fn check_point(
             false => outside(),
         };
     };
+    // Containers have a frame of their own.
     let x = Vector3::from(*point) - filling.shift;
     let radius = radius_of(table, &filling.container);
     match &filling.container {
         shape @ (Container::Box { .. } | Container::Cylinder { .. }) => match shape.gap(&x, radius) {
             depth if depth < 0.0 => outside(),
+            // The packing is not made yet: half a mean radius leaves room for spheres smaller than the mean.
             depth if depth < DEPTH * radius => {
                 let rule = format!(
                     "is {depth:.3e} m below the surface of model '{name}', whose field ends at the centres of its spheres, {radius:.3e} m \

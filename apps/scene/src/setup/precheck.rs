@@ -91,6 +91,7 @@ fn acting(scene: &LoweredScene) -> Result<()> {
         for (n, c) in s.components.iter().flatten().enumerate() {
             along(&format!("{path}.components[{n}]"), *c, &s.model, table, "[\"x\"]")?;
         }
+        // A line moves along x alone, and only the program behind a link knows its components.
         let one_way = table.shape.is_line() || matches!(table.shape, BodyShape::Remote);
         if s.motion.is_some() && s.components.is_none() && !one_way {
             let rule = "is missing: a motion moves every component that it names by the same amount; name them, such as [\"x\"], \
@@ -122,6 +123,7 @@ fn acting(scene: &LoweredScene) -> Result<()> {
 fn watched(scene: &LoweredScene) -> Result<()> {
     for (name, p) in &scene.probe {
         let path = format!("probe.{name}");
+        // A probe of a force names what exerts it and needs no place.
         if let Some(exerted_name) = &p.of {
             probe::check_exerted(&path, exerted_name, p, scene)?;
             continue;
@@ -196,6 +198,7 @@ fn selection(path: &str, selection: &Selection, table: &LoweredModel) -> Result<
         return Ok(());
     }
     let mut groups: Vec<String> = groups.iter().map(|n| (*n).to_owned()).collect();
+    // Sorted for the message.
     groups.sort();
     Err(unknown(path, name, "group of the model", groups.iter()))
 }

@@ -266,6 +266,7 @@ pub fn run(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Re
 fn run_scenes(cases: &[&Case], options: &Options<'_>, progress: Progress<'_>) -> Result<Runs> {
     let mut specs: Vec<RunSpec> = Vec::new();
     for spec in cases.iter().flat_map(|c| (c.runs)(options.quick)) {
+        // Cases share runs, and a run costs far more than this search.
         if specs.iter().all(|s| s.key != spec.key) {
             specs.push(spec);
         }
@@ -294,7 +295,9 @@ pub fn in_parallel<T: Sync, R: Send>(
     progress: Progress<'_>,
     work: impl Fn(&T) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
+    // Threads take the next item when they are free, since items differ much in cost.
     let next = AtomicUsize::new(0);
+    // One slot per item: results keep the order of the list, whichever thread is faster.
     let slots: Vec<Mutex<Option<Result<R>>>> = items.iter().map(|_| Mutex::new(None)).collect();
     let finished = AtomicUsize::new(0);
     progress(what, 0, items.len());

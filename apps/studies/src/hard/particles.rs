@@ -83,8 +83,8 @@ fn coupled(packing: &Packing, step: TimeStep<f64>) -> Result<Coupled<f64>> {
     coupled_with(packing, step, &mut Ok)
 }
 
-/// Couples hexahedra on the left to the packing on the right, after `change` to its model, with random
-/// velocities.
+/// Couples hexahedra on the left to the packing on the right; all nodes have random velocities. `change` may
+/// change the model of the packing before it is coupled.
 pub(super) fn coupled_with(
     packing: &Packing,
     step: TimeStep<f64>,

@@ -33,14 +33,17 @@ const LONGEST: f64 = 32.0;
 struct Member {
     name: String,
     particles: bool,
-    /// Distance of nodes or particles, and largest radius \[m\].
+    /// Distance between neighbouring nodes or particles \[m\].
     spacing: f64,
+    /// Largest radius of the particles \[m\].
     radius: f64,
-    /// Grid until the surface is built, and the surface once something comes near; on rank 0 only.
+    /// Mesh from which the surface is built when something comes near; on rank 0 only, `None` once it is built.
     grid: Option<Arc<Grid>>,
+    /// Surface, once it is built; on rank 0 only.
     shell: Option<Shell>,
-    /// Bounding box \[m\] and largest speed \[m/s\] at the last look.
+    /// Bounding box at the last look \[m\].
     bounds: [Point3<f64>; 2],
+    /// Largest speed at the last look \[m/s\].
     speed: f64,
 }
 
@@ -48,8 +51,9 @@ struct Member {
 #[derive(Debug)]
 struct Rigid {
     name: String,
-    /// Index of the effect, and indices of the models on which it acts.
+    /// Index of the effect.
     effect: usize,
+    /// Indices of the models on which it acts.
     models: Vec<usize>,
     shape: RigidShape,
     moved: Vector3<f64>,
@@ -144,8 +148,8 @@ impl Watch {
         }
     }
 
-    /// Looks if the step of the next look has come. Returns a warning for each pair of which one is now
-    /// inside the other. Collective.
+    /// Compares the positions of all pairs if this is the step of the next look. Returns a warning for each
+    /// pair of which one is now inside the other. Collective.
     ///
     /// # Errors
     /// Failures of communication.

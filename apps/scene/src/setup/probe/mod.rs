@@ -133,6 +133,7 @@ impl ProbeReader {
         };
         let s = &run.subdomains()[row.model];
         let owned = s.owned();
+        // A second call would number places of the gathered vector once more.
         if !owned.is_part() || row.parts.is_some() {
             return;
         }
@@ -198,6 +199,7 @@ impl Row {
             }
             (None, Some(selection)) => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
+                // The plain mean over the nodes, whatever their masses.
                 let share = 1.0 / nodes.len() as f64;
                 nodes.iter().map(|n| (n * count + c, share)).collect()
             }
@@ -219,6 +221,7 @@ impl Row {
         let values = gathered.as_ref().unwrap_or(values);
         let sum = |row: &[(usize, f64)]| row.iter().map(|(d, n)| n * values[*d]).sum::<f64>();
         match &self.along_arms {
+            // The ratio of both sums is the tangent of the angle, at any size of the rotation.
             Some(along_arms) => sum(&self.row).atan2(1.0 + sum(along_arms)),
             None => sum(&self.row),
         }
@@ -254,6 +257,7 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(
     let axis = Vector3::ith(c, 1.0);
     let arm = |n: usize| axis.cross(&(points[n] - centre));
     let polar: f64 = nodes.iter().map(|&n| arm(n).norm_squared()).sum();
+    // Nodes on the axis have no arms: the least-squares rotation would be 0/0.
     if polar <= 0.0 || count < 3 {
         return Err(key(
             path,
@@ -264,6 +268,7 @@ fn rotation(path: &str, body: &Body, nodes: &[usize], c: usize) -> Result<[Vec<(
     let across_arms = nodes.iter().flat_map(|&n| entries(n, arm(n)));
     let along_arms = nodes.iter().flat_map(|&n| entries(n, arm(n).cross(&axis)));
     Ok([
+        // Zero factors would be read in every step, and on several ranks sent.
         across_arms.filter(|(_, f)| *f != 0.0).collect(),
         along_arms.filter(|(_, f)| *f != 0.0).collect(),
     ])
