@@ -116,7 +116,9 @@ pub(crate) fn calibrate(arguments: &Calibrate) -> Result<ExitCode, Located> {
     let measured = threads::start(arguments.threads)
         .and_then(|_| arguments.check())
         .and_then(|()| measure(&arguments.wanted(), source.as_ref(), &progress.reporter()));
+    // Before anything is printed, so that the line of progress is gone.
     drop(progress);
+    // With the scene at hand, the error shows its place in the file.
     let calibration = match (measured, &source) {
         (Err(e), Some(source)) => return Err(Located::within(source)(e)),
         (calibration, _) => calibration?,
@@ -151,6 +153,7 @@ impl Calibrate {
                 let rule = format!("needs {count} numbers with commas between them");
                 return Err(value(name, format_args!("{} numbers", numbers.len()), &rule));
             }
+            // Not `<= 0`: a NaN must be refused, too.
             if let Some(x) = numbers.iter().find(|x| !(x.is_finite() && **x > 0.0)) {
                 return Err(value(name, x, "must be a positive number"));
             }
@@ -159,6 +162,7 @@ impl Calibrate {
         if !(nu > -1.0 && nu <= 0.5) {
             return Err(value("--poisson", nu, "must lie above -1 and not above 0.5"));
         }
+        // At 0.5 the bulk modulus is infinite.
         let target = self.target_poisson.unwrap_or(0.0);
         if !(target > -1.0 && target < 0.5) {
             return Err(value(

@@ -20,7 +20,7 @@ pub(super) struct Part<T> {
     entries: Vec<(u32, T)>,
 }
 
-/// Local numbers of the nodes that a task has met, in the order of meeting.
+/// Local numbers of the nodes of a task, in the order in which the task first met them.
 struct Slots {
     /// For each node: the task that met it last, and its local number there.
     known: Vec<(u32, u32)>,
@@ -57,7 +57,8 @@ impl Slots {
     }
 }
 
-/// Products of one task, dense over its nodes. A row is as long as the columns it has met.
+/// Products of one task as a dense matrix over its nodes. A row grows with the number of columns that the
+/// task has met.
 pub(super) struct Block<T> {
     /// Components that the block of two nodes mixes: 1 or all.
     size: usize,

@@ -73,6 +73,7 @@ impl Contacts {
                 &second.now[pair.ends[1] as usize],
             );
             let (depth, limit) = (a[3] + b[3] - distance(a, b), a[3].min(b[3]));
+            // Deeper than the smaller radius: the centre of one sphere lies in the other.
             if depth > limit {
                 inside.insert(pair.ends[1]);
                 if depth > deepest.0 {

@@ -146,8 +146,8 @@ impl PackingSpec {
         }
     }
 
-    /// Returns the share of the work that a number of relaxation steps is. It approaches one slowly, if more
-    /// steps are needed than usual.
+    /// Returns the estimated share of the work that is done after a number of relaxation steps. It slowly
+    /// approaches one if more steps are needed than usual.
     fn share_of_steps(&self, steps: usize) -> f64 {
         let usual = match self.compaction {
             Compaction::Onset { .. } => USUAL_STEPS,
@@ -335,9 +335,9 @@ const START_FRACTION: f64 = 0.5;
 const GROWTH: f64 = 0.01;
 /// Below this volume fraction none of our packings jams, and growth steps are twice as large.
 const NEAR_ONSET: f64 = 0.57;
-/// Relaxation steps after which the overlap of a growth step is first compared.
+/// Relaxation steps of a growth step before its mean overlap is first compared with earlier values.
 const GLANCE: usize = 300;
-/// Mean overlaps that fall below this factor within half as many further steps are on their way to zero.
+/// Factor of the mean overlap over another `GLANCE / 2` steps: below it, the overlap is about to vanish.
 const FALLING: f64 = 0.8;
 /// Mean overlaps below this fraction of the wanted one carry no load.
 const LOOSE: f64 = 0.25;

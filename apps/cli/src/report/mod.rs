@@ -90,6 +90,7 @@ pub(crate) fn error(text: &str) {
 fn streams_meet() -> bool {
     use std::os::fd::{AsFd, BorrowedFd};
     use std::os::unix::fs::MetadataExt;
+    // Device and number of the file tell a common log, which no terminal query would find.
     let place = |stream: BorrowedFd<'_>| {
         let file = std::fs::File::from(stream.try_clone_to_owned().ok()?);
         file.metadata().ok().map(|m| [m.dev(), m.ino()])
@@ -113,6 +114,7 @@ pub(crate) fn warning(text: &str) {
         return;
     }
     error(&wrapped("warning", text, width()));
+    // Only then is the warning left out of the report: elsewhere its reader has not seen it.
     if streams_meet() {
         SHOWN
             .lock()
@@ -161,6 +163,7 @@ fn wrapped(label: &str, text: &str, width: usize) -> String {
 fn split(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
+        // Characters and not bytes: Greek letters and units take several bytes.
         let used = lines.last().map_or(0, |l| l.chars().count());
         if used > 0 && used + 1 + word.chars().count() > width {
             lines.push(String::new());
@@ -178,6 +181,7 @@ fn split(text: &str, width: usize) -> Vec<String> {
 /// Returns a path as a word that can be pasted into a shell.
 fn shell_word(path: &Path) -> String {
     let text = path.display().to_string();
+    // A path that needs no quotes stays as the user wrote it.
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+=,:@%".contains(c);
     if text.chars().all(is_plain) {
         text
@@ -190,6 +194,7 @@ fn shell_word(path: &Path) -> String {
 /// full disk ends the program with a message.
 pub(crate) fn text(text: &str) {
     let mut out = std::io::stdout().lock();
+    // With a flush, so that a full disk is noticed here and not after the end of the program.
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             error(&format!("error: standard output cannot be written: {e}\n"));

@@ -348,6 +348,7 @@ impl Recorder {
         checked
             .collect::<std::result::Result<(), _>>()
             .map_err(core("ranks"))?;
+        // Refused here, since a table with NaN would be read as a result.
         if let Some(k) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::NotFinite {
                 what: format!("probe '{}'", self.readers[k].name),

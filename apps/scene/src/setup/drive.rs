@@ -201,6 +201,7 @@ pub(super) fn wide_turns(scene: &LoweredScene, last: f64) -> Vec<String> {
             let Some((name, table)) = scene.model.iter().nth(m) else {
                 continue;
             };
+            // Only the program behind a link knows how far its law holds.
             if kind(table.kind).is_remote() {
                 continue;
             }
@@ -225,6 +226,7 @@ pub(super) fn initial(scene: &LoweredScene, m: usize, body: &Body) -> Result<[Ve
     for (k, i) in scene.initial.iter().enumerate() {
         let path = format!("initial[{k}]");
         check_initial(&path, i)?;
+        // After the check: an entry that moves no model is checked as well.
         if !moved_models(scene, &path, i)?.contains(&m) {
             continue;
         }

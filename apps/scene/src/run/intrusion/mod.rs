@@ -174,11 +174,13 @@ impl Watch {
             if gap > 0.0 {
                 continue;
             }
+            // After the cheap comparison of boxes, which most looks end with.
             let line = self.examine(k, run)?;
             // Only rank 0 has the line, but all ranks must agree on the pairs that are left.
             self.pairs[k].warned = ranks.any(line.is_some())?;
             lines.extend(line);
         }
+        // At least one step on, also for bodies so fast that they pass their spacing within it.
         self.next = run.steps() + (steps as usize).max(1);
         Ok(lines)
     }
@@ -229,6 +231,8 @@ impl Watch {
             }
             Intruder::Model(a) => self.member(a).map_or(f64::INFINITY, |first| {
                 let [from, to] = &first.bounds;
+                // Per axis one of both differences is positive if the boxes are apart; where they overlap the
+                // gap is zero.
                 (from - high).sup(&(low - to)).sup(&Vector3::zeros()).norm()
             }),
         }
@@ -239,6 +243,7 @@ impl Watch {
         let spacing = |m: usize| self.member(m).map_or(f64::INFINITY, |m| m.spacing);
         let first = match pair.first {
             Intruder::Obstacle(k) => match self.obstacles[k].shape {
+                // A plane has no size of its own: the spacing of the body decides.
                 RigidShape::Plane { .. } => f64::INFINITY,
                 RigidShape::Sphere { radius, .. } | RigidShape::Cylinder { radius, .. } => radius,
             },
@@ -254,6 +259,7 @@ impl Watch {
             Intruder::Obstacle(k) => self.obstacles[k].speed,
             Intruder::Model(m) => model_speed(m),
         };
+        // The sum, as if both moved straight towards each other.
         first + model_speed(pair.second)
     }
 
@@ -280,6 +286,7 @@ impl Watch {
         if self.pairs[k].at_rest.is_none() {
             for m in &models {
                 let shell = self.members[*m].as_mut().and_then(|m| m.shell.as_mut());
+                // Both at rest, whatever their displacements at the first meeting.
                 shell.into_iter().for_each(Shell::put_back);
             }
             let depth = self.depth(first, second, &Vector3::zeros());
