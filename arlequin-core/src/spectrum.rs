@@ -165,7 +165,8 @@ impl<T: Real> Tridiagonal<T> {
     }
 }
 
-/// Makes a new vector orthogonal to the vector before (handed over) and to others.
+/// Makes a new vector orthogonal to the previous vectors. Takes the vector, the one before it, and the
+/// tridiagonal matrix so far.
 type Orthogonal<'a, T> = dyn FnMut(&mut [T], Vec<T>, &Tridiagonal<T>) + 'a;
 
 /// Lanczos iteration on the symmetric `R K R` until `settled`.

@@ -38,7 +38,7 @@ struct AttachedAbsorber<T: Real> {
     /// Nodes in the resolved space, ascending; for a partitioned model, places in the list of these nodes on
     /// all ranks.
     nodes: Vec<u32>,
-    /// Place in that list, and local number, of the nodes on this rank.
+    /// Place in `nodes` and local number of each of these nodes that this rank owns.
     local_nodes: Vec<[u32; 2]>,
     /// Exchange of velocities with other ranks.
     exchange: Option<VelocityExchange<T>>,

@@ -110,7 +110,7 @@ impl<L: Lanes> Job for With<L, KickAndDrift<'_>> {
 
 /// Velocities of a first pass: displacements, rotations.
 pub(crate) enum Speeds<'a> {
-    /// Velocities that stay as they are.
+    /// Velocities that the pass reads and does not change.
     Kept([&'a [f64]; 2]),
     /// Velocities that become those of the half step, and the displacements before the step if they are kept.
     Kicked([&'a mut [f64]; 2], Option<[&'a [f64]; 2]>),
