@@ -21,8 +21,9 @@ pub struct Pose {
 pub(crate) struct Deformed {
     /// Inverse of the length at rest \[1/m\].
     pub(crate) inverse: f64,
-    /// Distance of the centres \[m\], and the unit vector from the first to the second.
+    /// Distance of the centres \[m\].
     pub(crate) length: f64,
+    /// Unit vector from the first centre to the second.
     pub(crate) n: Vector3<f64>,
     /// `l - l0 = (d + d0).du/(l + l0)`, without cancellation for small strains.
     pub(crate) stretch: f64,

@@ -116,8 +116,9 @@ pub(crate) struct Body<T: Real> {
     claim: Claim,
     centre: Vector3<T>,
     start: [Vector3<T>; 2],
-    /// Largest sums of moduli so far, and (`top`) largest changes relative to them.
+    /// Largest sums of moduli so far.
     scale: [T; 2],
+    /// Largest changes so far, relative to `scale`.
     top: [T; 2],
     /// True if the momentum changed by more than its limit and by more than the round-off of displacements
     /// explains.

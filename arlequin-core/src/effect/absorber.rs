@@ -53,8 +53,9 @@ struct AttachedAbsorber<T: Real> {
     local: Vec<T>,
     /// Two vectors per resolved node: the sums `NᵀM v` and `NᵀD v`, later `y` and `z`.
     coarse: Vec<T>,
-    /// One vector per resolved node: interleaved, and (`columns`) by components for the factor.
+    /// One vector per resolved node, components interleaved.
     resolved: Vec<T>,
+    /// The same numbers component by component, as the factor takes them.
     columns: Vec<T>,
     force: Vec<T>,
 }

@@ -122,8 +122,9 @@ pub(super) fn fill_rows<T: Real, const N: usize>(
 pub(crate) struct Transfer<T> {
     /// Number of components that share the matrix.
     shared: usize,
-    /// Number of columns of the matrix, and columns per node.
+    /// Number of columns of the matrix.
     columns: usize,
+    /// Number of columns per node.
     per_node: usize,
     /// `B` by pieces of multipliers, each in one unit of nodes; columns are places in `coupled`.
     gather: Rows<T>,

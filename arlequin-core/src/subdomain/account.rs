@@ -31,8 +31,9 @@ impl<T: Real> Evolved<T> {
 /// Energies of the last step \[J\], where they are known without another evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Energies<T> {
-    /// Internal energy before the step, and (`now`) after it.
+    /// Internal energy before the step.
     pub(super) before: Option<T>,
+    /// Internal energy after the step.
     pub(super) now: Option<T>,
     /// `½ v₊ᵀMv₊ + ¼ Δqᵀ(f_{n+1} − f_n)`.
     pub(super) moving: Option<T>,

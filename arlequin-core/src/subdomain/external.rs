@@ -16,9 +16,9 @@ pub(super) struct External<T: Real> {
     change: Vec<T>,
     /// Kinetic energy at the start and energy that impulses have brought since \[J\].
     received: T,
-    /// Velocities that the solver should report after all impulses of this instant, and (`given_impulse`)
-    /// `Σ |p|` of these impulses.
+    /// Velocities that the solver should report after all impulses of this instant.
     due: Vec<T>,
+    /// Sum `Σ |p|` over the impulses of this instant.
     given_impulse: T,
 }
 

@@ -91,8 +91,9 @@ pub struct Subdomain<T: Real> {
     inertia: Vec<T>,
     inverse_inertia: Vec<T>,
     forces: Forces<T>,
-    /// Requested own step, and (`pace`) the one that was chosen.
+    /// Requested own step.
     requested_step: OwnStep<T>,
+    /// Chosen own step.
     pace: Pace<T>,
     stepper: Stepper<T>,
     /// Line of the ledger for a model that changes itself.

@@ -63,8 +63,9 @@ pub(super) struct PartitionedPairs {
     /// Largest radius of the whole body \[m\].
     largest: f64,
     near: Vec<Near>,
-    /// Number of searches, and of pairs on all ranks.
+    /// Number of searches.
     searches: usize,
+    /// Number of pairs on all ranks.
     total: usize,
     /// Number of breaks since the last search.
     breaks: u32,
@@ -74,9 +75,9 @@ pub(super) struct PartitionedPairs {
     around: Option<Surrounding>,
     /// True if there may be pairs whose second particle is unknown on this rank.
     has_unknown: bool,
-    /// Bonds of the owned particles with their numbers in the whole body, and the number of bonds of the
-    /// whole body.
+    /// Bonds of the owned particles, with their numbers in the whole body.
     bonds: Adjacency<[u32; 2]>,
+    /// Number of bonds of the whole body.
     total_bonds: usize,
     /// Distance at which each broken bond broke \[m\], by its number in the whole body.
     broken_at: BTreeMap<u32, f64>,

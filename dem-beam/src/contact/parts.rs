@@ -20,8 +20,9 @@ use std::slice::{from_mut, from_ref};
 pub(super) struct GatheredPairs {
     owned: Owned,
     list: PartitionedPairs,
-    /// Closed pairs of all ranks in the order of the whole body, and their keys in its list.
+    /// Closed pairs of all ranks, in the order of the whole body.
     closed: Listed,
+    /// Keys of these pairs in the list of the whole body.
     keys: Vec<Key>,
     gathered: Gathered,
 }

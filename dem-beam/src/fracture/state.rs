@@ -39,9 +39,9 @@ pub(crate) struct FractureState {
     plainly: bool,
     /// First slot of each block in the kernel.
     first_slots: Vec<u32>,
-    /// Marks of blocks in which a bond may have reached its strength, and whether they belong to the current
-    /// positions.
+    /// Marks of blocks in which a bond may have reached its strength.
     pub(super) marks: Vec<bool>,
+    /// True if the marks belong to the current positions.
     pub(super) fresh: bool,
     /// Bonds, or particles, of marked blocks.
     pub(super) suspects: Vec<u32>,

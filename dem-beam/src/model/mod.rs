@@ -172,7 +172,6 @@ impl DemModel {
         // Sorted by first particle, so that the bonds of a unit are a contiguous range.
         pairs.sort_unstable();
         let centres: Vec<Vector3<f64>> = order.iter().map(|&i| positions[i as usize]).collect();
-        // Before the body is built, whose arrays are the peak of memory.
         drop(positions);
         let radii = order.iter().map(|&i| radii[i as usize]).collect();
         let volumes: Vec<f64> = order.iter().map(|&i| contents.volumes[i as usize]).collect();

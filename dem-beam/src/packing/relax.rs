@@ -78,8 +78,9 @@ pub(crate) struct SoftSpheres<'a> {
     slack: f64,
     /// True once the user has asked to stop.
     interrupted: bool,
-    /// Number of relaxation steps so far, and what is called with it now and then.
+    /// Number of relaxation steps so far.
     steps: usize,
+    /// Called with this number now and then.
     watch: &'a mut dyn FnMut(usize),
 }
 
@@ -299,8 +300,9 @@ impl<'a> SoftSpheres<'a> {
 /// a sphere fills four lanes.
 struct Advance<'a> {
     dt: f64,
-    /// Fraction of the velocity that stays, and factor of the force that is added.
+    /// Fraction of the velocity that stays.
     keep: f64,
+    /// Factor of the force that is added.
     push: f64,
     /// Largest displacement per step and axis \[m\].
     cap: f64,

@@ -32,7 +32,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Returns whether every number lies in its range, and both lists have entries.
+    /// Returns true if every number of the naive variants and of the library lies in its range, and there are
+    /// numbers of both.
     #[must_use]
     pub fn pass(&self) -> bool {
         // Without entries, nothing has been measured.

@@ -23,8 +23,9 @@ pub(super) struct Grid {
 pub(super) struct Near<'a> {
     /// Number of the cell of the point.
     pub(super) cell: usize,
-    /// Middle of the cell, and distance of the point from it \[m\].
+    /// Middle of the cell \[m\].
     pub(super) middle: Vector3<f64>,
+    /// Distance of the point from the middle \[m\].
     pub(super) off: f64,
     /// Distance from the middle of the cell \[m\] and number of each triangle, nearest first.
     pub(super) triangles: &'a [(f64, u32)],
