@@ -10,9 +10,9 @@
 //!
 //! A crack that starts at a given elongation `u` therefore runs through at this `G`, however much less it
 //! needs. The test follows the crack instead, as a testing machine under control of the crack's opening does:
-//! the clamps open while the crack lies behind a place that moves at [`SPEED`] wave speeds, and close while it
-//! lies ahead. The energy that the strip loses while the crack passes a length is exact, by the ledger; the
-//! elongation is averaged over the bonds that break there.
+//! the clamps open while the crack lies behind a place that moves at [`SPEED`] wave speeds, and close while
+//! it lies ahead. The energy that the strip loses while the crack passes a length is exact, by the ledger;
+//! the elongation is averaged over the bonds that break there.
 
 use crate::bond::{BeamMaterial, Twist};
 use crate::error::{Error, Result, positive};
@@ -52,8 +52,8 @@ const WINDOW: f64 = 0.5;
 /// Bonds along the measured length that show that the crack has passed it, over those across the plane of the
 /// crack. A crack breaks about as many.
 const PARTED: f64 = 0.65;
-/// Bonds beyond the measured length that show that the crack has passed it, over those across the plane of the
-/// crack in a height.
+/// Bonds beyond the measured length that show that the crack has passed it, over those across the plane of
+/// the crack in a height.
 const PASSED: f64 = 0.1;
 /// Density \[kg/m³\]: results do not depend on it.
 const DENSITY: f64 = 1000.0;

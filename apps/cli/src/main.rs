@@ -147,6 +147,7 @@ struct Common {
 fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|e| {
         if e.use_stderr() {
+            // Every rank has this error; a launcher could end rank 0 before it has printed the message.
             ranks::let_first_speak();
         } else if !ranks::leads() {
             std::process::exit(0);
@@ -195,6 +196,7 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             let planned = ranks.map(|n| scene.clone().for_ranks(n));
             let scene = planned.as_ref().unwrap_or(scene);
             let links = LinkLine::list(scene);
+            // Building such a scene would start programs of the user, which a check must not do unasked.
             if !start && !links.is_empty() {
                 scene.check_tables()?;
                 report::result(&links, common.json, |l| report::not_started(l))?;

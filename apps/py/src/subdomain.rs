@@ -78,6 +78,7 @@ impl Subdomain {
         };
         let field = field.map_or(Ok(default_field), field_of)?;
         let name = built.name().to_owned();
+        // The mediator lies in the coarse field and needs values between its nodes.
         if role == "coarse" && field.samples().is_some() {
             let rule = format!(
                 "model '{name}' cannot be the coarse one: its field exists at particles only; give it a field, such as \

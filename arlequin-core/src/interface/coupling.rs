@@ -41,7 +41,8 @@ impl<T: Real> Coupling<T> {
 
 impl<T: Real> Draft<T> {
     /// Returns the node of one side with the largest entry of the coupling matrix relative to the measure of
-    /// its multiplier, and this ratio. Only nodes with `is_wanted` count; the ratio is zero if there are none.
+    /// its multiplier, and this ratio. Only nodes with `is_wanted` count; the ratio is zero if there are
+    /// none.
     pub(crate) fn largest_share(&self, side: usize, is_wanted: &dyn Fn(usize) -> bool) -> (usize, T) {
         let Coupling { matrix, shared } = &self.coupling[side];
         let split = self.interface.components / shared;

@@ -38,9 +38,9 @@ impl Cuts {
         &self.owned
     }
 
-    /// Sums over the lists of all ranks. `part` returns the sum over a range of this rank's list; `numbers` is
-    /// the number of values that it reads per entry. The result has the same bits for any number of threads
-    /// and ranks. NaN after a failure of the transport. Collective for a partitioned model.
+    /// Sums over the lists of all ranks. `part` returns the sum over a range of this rank's list; `numbers`
+    /// is the number of values that it reads per entry. The result has the same bits for any number of
+    /// threads and ranks. NaN after a failure of the transport. Collective for a partitioned model.
     pub(crate) fn sum<T: Real, const N: usize>(
         &self,
         numbers: usize,

@@ -128,6 +128,7 @@ impl<T: Real> Subdomain<T> {
     pub fn new(model: Box<dyn Model<T>>, field: Arc<dyn Interpolation<T>>, weights: Weights<T>) -> Self {
         let mut model = match weights.weighting {
             Weighting::Energy => model,
+            // A wrapper, so that no other place of the core distinguishes both kinds of weights.
             Weighting::Nodal => Box::new(NodallyWeighted::new(model)),
         };
         let n = model.layout().dofs();

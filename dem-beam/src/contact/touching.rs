@@ -29,7 +29,8 @@ struct Active {
     /// Generalised torques on both particles \[N m\].
     torque: [Vector3<f64>; 2],
     stored: f64,
-    /// Power \[W\] of the force on the velocities after the step, as the forces known at its instant give them.
+    /// Power \[W\] of the force on the velocities after the step, as the forces known at its instant give
+    /// them.
     expected: f64,
 }
 

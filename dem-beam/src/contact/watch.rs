@@ -100,9 +100,9 @@ impl Watch {
         self.moved.clear();
     }
 
-    /// Takes the displacements `q` and returns whether the bounds are valid for a list of `pairs` pairs. If they
-    /// are not, all pairs must be measured. Search number `search` made the list; pairs of bonds that have
-    /// broken since are appended to it.
+    /// Takes the displacements `q` and returns whether the bounds are valid for a list of `pairs` pairs. If
+    /// they are not, all pairs must be measured. Search number `search` made the list; pairs of bonds that
+    /// have broken since are appended to it.
     ///
     /// A list is stale once a particle is more than half the `skin` away from `built`, its position in the
     /// search.
@@ -269,8 +269,8 @@ impl Watch {
         }
     }
 
-    /// Largest distance by which the gap of a pair in group `n` can have shrunk since all were measured \[m\];
-    /// `None` if no pair of the group can have closed.
+    /// Largest distance by which the gap of a pair in group `n` can have shrunk since all were measured
+    /// \[m\]; `None` if no pair of the group can have closed.
     fn approach(&mut self, n: usize) -> Option<f64> {
         let Some(g) = self.groups.get_mut(n) else {
             return Some(f64::INFINITY);

@@ -58,7 +58,8 @@ pub(crate) struct Screen {
 
 impl Screen {
     /// Makes a screen from the `strengths` of all bonds or particles \[Pa or J/m²\] and the smallest and
-    /// largest of the `lengths` of bonds \[m\]. Returns `None` if strengths are so low that round-off could hide a break.
+    /// largest of the `lengths` of bonds \[m\]. Returns `None` if strengths are so low that round-off could
+    /// hide a break.
     pub(crate) fn new(
         criterion: Criterion,
         section: Section,

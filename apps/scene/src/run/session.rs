@@ -205,6 +205,7 @@ impl<'a> Session<'a> {
         let framed = self.recorder.framed(&self.run);
         let path = folder.path();
         self.live.flush(path, self.recorder.tables(), framed)?;
+        // The index grows with every frame, so that a run in progress can be looked at.
         if framed {
             tables::all_breaks(path, &self.run, &self.breaks)?;
             if let Some(frames) = &self.recorder.frames {
@@ -231,6 +232,7 @@ impl<'a> Session<'a> {
         let mut strange = !self.bounds.watch(&self.run).is_empty();
         let ranks = self.scene.ranks();
         let mut crossing = Crossing::since(&self.breaks);
+        // A resumed run has the warnings of its first part.
         self.intrusions.skip(&self.recorder.warnings);
         self.warn_of_intrusions(true, observer)?;
         for made in self.run.steps() + 1..=self.steps {
@@ -272,6 +274,7 @@ impl<'a> Session<'a> {
                 end = End::Woken;
                 break;
             }
+            // After the reasons to end, for which `conclude` writes the checkpoint.
             if every.is_some_and(|n| made.is_multiple_of(n)) {
                 self.save()?;
             }

@@ -154,6 +154,8 @@ fn contradiction(
         let body = tensile_strength(young, gc, d);
         format!("gc gives a body of spheres of {d:.3e} m a strength in tension of {body:.2e} Pa; ")
     });
+    // Only stress criteria have a ratio that was measured; for the others the strength stands for that of the
+    // body.
     let ratio = BEAMS_OVER_BODY.iter().find(|(c, _)| *c == criterion);
     let (of_beams, body) = ratio.map_or((String::new(), strength), |(c, ratio)| {
         let name = c.name();

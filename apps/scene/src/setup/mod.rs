@@ -133,6 +133,7 @@ pub(crate) fn build_from(
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
+    // Decided from the bodies, which the subdomains take over below.
     let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
     let subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
     let last_load = load_steps.as_ref().and_then(|s| s.times.last().copied());
@@ -172,6 +173,7 @@ pub(crate) fn build_from(
         phases: Vec::new(),
     };
     clock.begin("plausibility of the scene".to_owned());
+    // Last: the judgement needs steps, frames and models as they will run.
     let odd = plausible::warnings(scene, &built);
     built.warnings.extend(odd);
     built.phases = clock.finish();
@@ -193,6 +195,7 @@ fn coupled(scene: &LoweredScene, parts: Parts<f64>, clock: &mut SetupClock<'_>) 
         scene.model.keys().cloned().collect(),
         scene.interface.keys().cloned().collect(),
     ];
+    // The phase in which the core stops tells which object an error is about.
     let mut last_phase = SetupPhase::Start;
     let mut announce_phase = |phase| {
         last_phase = phase;
@@ -284,6 +287,7 @@ fn subdomains_of(
     interfaces: &mut [BuiltInterface],
     mut attachments: Attachments,
 ) -> Result<Vec<Subdomain<f64>>> {
+    // Absorbers are effects of the fine model, so they are added before effects are attached.
     for j in &mut *interfaces {
         if let Some(a) = j.absorber.take() {
             attachments.add(j.spec.fine, Box::new(a));
@@ -321,6 +325,7 @@ fn guard(scene: &LoweredScene) -> Guard<f64> {
         .interface
         .values()
         .any(|i| i.weight.weighting == Weighting::Nodal);
+    // Nodal weights do not conserve the energy, so the guard has to allow for growth.
     let weighting = if nodal {
         Weighting::Nodal
     } else {
@@ -380,6 +385,7 @@ fn subdomain(
 ) -> Result<Subdomain<f64>> {
     let path = format!("model.{}", body.model.name());
     let weights = weights::model_weights(m, joints)?;
+    // One unchecked interface frees the models on both of its sides.
     let free = |j: &&BuiltInterface| {
         j.partition == Partition::Unchecked && [j.spec.coarse, j.spec.fine].contains(&m)
     };

@@ -161,6 +161,7 @@ impl PackingLine {
         }
         if self.parts.len() > self.bodies {
             let mut sizes: Vec<usize> = self.parts.iter().map(|p| p.spheres).collect();
+            // Largest first: only the first few are named.
             sizes.sort_unstable_by(|a, b| b.cmp(a));
             let named: Vec<String> = sizes.iter().take(NAMED).map(ToString::to_string).collect();
             let more = if sizes.len() > NAMED { ", ..." } else { "" };

@@ -53,6 +53,7 @@ pub fn path(diameter: f64, breaks: &[Broken]) -> CrackPath {
 fn rayleigh() -> f64 {
     let [_, young, nu, density] = GLASS;
     let shear = (young / (2.0 * (1.0 + nu) * density)).sqrt();
+    // The usual fit of the root of Rayleigh's equation.
     shear * (0.862 + 1.14 * nu) / (1.0 + nu)
 }
 
@@ -81,6 +82,7 @@ impl Series {
         Ok(Self {
             traction,
             paths: broken.iter().map(|b| path(diameter, b)).collect(),
+            // The picture shows one packing; the others would cover it.
             breaks: broken.into_iter().next().unwrap_or_default(),
         })
     }
@@ -103,6 +105,7 @@ impl Series {
     fn checks(&self, forked: bool) -> Vec<Check> {
         let (count, forks) = (self.paths.len() as f64, self.forks());
         let wanted = if forked { count } else { 0.0 };
+        // Speeds are those of the single crack, up to the fork.
         let end = |p: &CrackPath| p.fork().map_or(f64::INFINITY, |f| f.place);
         let speeds: Vec<[f64; 2]> = self.paths.iter().map(|p| p.speeds(end(p))).collect();
         let over = |k: usize| speeds.iter().map(|s| s[k] / rayleigh()).collect::<Vec<f64>>();

@@ -257,8 +257,8 @@ pub(super) fn with_models(mut s: Scenario, scene: &LoweredScene, built: &Built) 
         .par_iter()
         .map(|x| (nearest(x, &own) - rim).max(0.0))
         .collect();
-    // A core has no length along one normal: the largest distance of its nodes from the coarse body stands for
-    // it.
+    // A core has no length along one normal: the largest distance of its nodes from the coarse body stands
+    // for it.
     let depth = own
         .par_iter()
         .map(|x| nearest(x, coarse))

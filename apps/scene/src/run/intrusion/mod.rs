@@ -37,7 +37,8 @@ struct Member {
     spacing: f64,
     /// Largest radius of the particles \[m\].
     radius: f64,
-    /// Mesh from which the surface is built when something comes near; on rank 0 only, `None` once it is built.
+    /// Mesh from which the surface is built when something comes near; on rank 0 only, `None` once it is
+    /// built.
     grid: Option<Arc<Grid>>,
     /// Surface, once it is built; on rank 0 only.
     shell: Option<Shell>,

@@ -150,6 +150,7 @@ fn body(name: &str, path: &str, table: &LoweredModel, folder: &Path) -> Result<B
     let mut options = Options::default();
     options.timeout = table.timeout.map_or(options.timeout, Duration::from_secs_f64);
     let start = table.start_timeout.map(Duration::from_secs_f64);
+    // A program that may take long to answer may take as long to start.
     options.start = start.unwrap_or(options.start.max(options.timeout));
     let remote = match &table.command {
         Some(command) => Remote::start(name, command, folder, options),
@@ -264,6 +265,7 @@ fn groups(solver: &Remote) -> BTreeMap<String, Vec<usize>> {
     }
     let x = |k: &usize| solver.nodes()[*k].x;
     let nodes = 0..solver.nodes().len();
+    // By position: solvers may number the nodes of a line in any order.
     let first = nodes.clone().min_by(|a, b| x(a).total_cmp(&x(b)));
     let last = nodes.max_by(|a, b| x(a).total_cmp(&x(b)));
     let ends = [("x-min", first), ("x-max", last)];
