@@ -68,7 +68,8 @@ impl Carriers {
     }
 }
 
-/// The load that carriers must have in sum, and its size, which decides what round-off is.
+/// Prescribed sum of the forces and moments of carriers, and the sizes of its terms, with which round-off is
+/// compared.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Resultant {
     pub(super) wrench: Wrench,
