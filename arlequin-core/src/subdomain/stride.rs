@@ -104,10 +104,9 @@ impl<T: Real> Subdomain<T> {
     /// Returns whether all effects act on few nodes and moving supports move no rotations.
     fn loads_are_sparse(&mut self) -> bool {
         let moved = 0..self.model.layout().translations();
-        // Ranks hold different unknowns of a support, and all of them must decide alike.
-        let supports_fit = self.moving().next().is_none()
-            || !self.owned().is_part() && self.moving().all(|m| m.dofs.iter().all(|d| moved.contains(d)));
-        supports_fit && !self.is_paired() && self.effects.iter_mut().all(|e| e.effect.sparse().is_some())
+        !self.is_paired()
+            && self.moving().all(|m| m.dofs.iter().all(|d| moved.contains(d)))
+            && self.effects.iter_mut().all(|e| e.effect.sparse().is_some())
     }
 
     /// Moves all unknowns; nodes of moving supports wait for their forces, which do work.

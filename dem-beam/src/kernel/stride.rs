@@ -5,8 +5,8 @@
 //! v' = v + h a   q += dt v'   rows(q)   |   f(rows)   a' = w f   v = v' + h a'
 //! ```
 //!
-//! Where other forces may act, `v'` is stored between the passes, and the second pass leaves out the blocks
-//! on which they act: it writes their forces instead.
+//! Where other forces may act, `v'` is stored between the passes, and the second pass leaves out the blocks on
+//! which they act: it writes their forces instead.
 
 use super::engine::{Cut, Finish, OnLanes, PER_BLOCK, With, cut_unknowns, prefetch_lines};
 use super::lanes::{CacheLine, Job, LANES, Lanes, add_interleaved, sum};
@@ -178,8 +178,7 @@ impl Cut for Moving<'_> {
 
 /// Particles that the pass does not accelerate, and the forces that it writes for them.
 pub(crate) struct Waiting<'a> {
-    /// True for particles on which other forces act; the pass adds those of their blocks and of marked
-    /// blocks.
+    /// True for particles on which other forces act; the pass adds those of their blocks and of marked blocks.
     pub(crate) particles: &'a mut [bool],
     pub(crate) f: [&'a mut [f64]; 2],
 }
