@@ -183,9 +183,8 @@ pub trait Model<T: Real>: Send {
         Ok(self.internal_energy(q))
     }
 
-    /// Steps made by the model itself, if it can make them. The core uses whole steps where nothing but the
-    /// model acts on the unknowns: no effect, no moving support, no evolution. It uses the two halves where
-    /// all effects are [`crate::effect::Sparse`].
+    /// Whole steps made by the model itself, if it can make them. The core uses them where nothing but the
+    /// model acts on the unknowns within a step: no effect, no moving support, no evolution.
     fn stepping(&mut self) -> Option<&mut dyn Stepping<T>> {
         None
     }
@@ -333,41 +332,6 @@ pub struct Stride<'a, T> {
     pub inertia: Option<&'a [T]>,
 }
 
-/// First half of a step of velocity Verlet. Every slice holds one number per unknown.
-#[derive(Debug)]
-pub struct Drift<'a, T> {
-    /// Length of the step \[s\].
-    pub dt: T,
-    /// Displacements before the step, for a model that changes itself; `q` is then overwritten.
-    pub q_before: Option<&'a [T]>,
-    /// Displacements.
-    pub q: &'a mut [T],
-    /// Velocities, which become those of the half step.
-    pub v: &'a mut [T],
-    /// Accelerations by all forces.
-    pub a: &'a [T],
-    /// Unknowns (displacements, no rotations) with a prescribed motion, and where they are after the step.
-    pub prescribed: &'a [(usize, T)],
-}
-
-/// Second half of a step of velocity Verlet. Every slice but [`Self::waiting`] holds one number per unknown.
-#[derive(Debug)]
-pub struct Kick<'a, T> {
-    /// Length of the step \[s\].
-    pub dt: T,
-    /// Velocities of the half step, which become those of the whole step.
-    pub v: &'a mut [T],
-    /// Accelerations.
-    pub a: &'a mut [T],
-    /// Inverse inertia; zero for prescribed unknowns.
-    pub inverse_inertia: &'a [T],
-    /// True for each node on which other forces may act: the core accelerates it. The model adds nodes whose
-    /// forces may still change, because the model changes itself, and may add any others.
-    pub waiting: &'a mut [bool],
-    /// Internal forces, to be overwritten at nodes that wait; other entries are of no use.
-    pub f: &'a mut [T],
-}
-
 /// Energies of a step \[J\], with `v₊ = (q_{n+1} − q_n)/Δt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drawn<T> {
@@ -393,29 +357,6 @@ pub trait Stepping<T: Real> {
     /// # Errors
     /// Errors of [`Model::advance`].
     fn stride(&mut self, step: Stride<'_, T>) -> Result<Option<Drawn<T>>>;
-
-    /// Makes the first half of the step, up to the displacements:
-    ///
-    /// ```text
-    /// v += Δt/2 a    q += Δt v
-    /// ```
-    ///
-    /// # Errors
-    /// Errors of [`Model::advance`].
-    fn drift(&mut self, drift: Drift<'_, T>) -> Result<()>;
-
-    /// Makes the second half at the displacements of [`Self::drift`], with the same bits as the core:
-    ///
-    /// ```text
-    /// a = w f(q)    v += Δt/2 a
-    /// ```
-    ///
-    /// Nodes that wait keep their velocities and accelerations. The two calls replace [`Model::advance`] and
-    /// must not allocate.
-    ///
-    /// # Errors
-    /// Errors of [`Model::advance`].
-    fn kick(&mut self, kick: Kick<'_, T>) -> Result<()>;
 }
 
 /// A model that changes itself as it moves.
@@ -425,8 +366,7 @@ pub trait Evolving<T: Real> {
 
     /// Lets the model change itself and returns the energy that left it \[J\], by the rule of [`Evolution`].
     /// The run calls it once per step, right after [`Model::advance`] to the new positions, so that one pass
-    /// over the model can serve both. After [`Stepping::kick`] the forces are known, and may be changed, at
-    /// waiting nodes only; `f_before` is then of no use.
+    /// over the model can serve both.
     ///
     /// # Errors
     /// Any error of the model.

@@ -19,40 +19,6 @@ pub fn pays(n: usize) -> bool {
     n >= LARGE && rayon::current_num_threads() > 1
 }
 
-/// Nodes whose flags are looked at together.
-const FLAGS: usize = 8;
-
-/// Calls `act` for ranges of nodes that cover those whose flag is set, and no others.
-fn flagged(flags: &[bool], act: &mut impl FnMut(Range<usize>)) {
-    for (k, group) in flags.chunks(FLAGS).enumerate() {
-        let first = k * FLAGS;
-        if !group.contains(&false) {
-            act(first..first + group.len());
-        } else if group.contains(&true) {
-            let set = (first..).zip(group).filter(|(_, flag)| **flag);
-            set.for_each(|(node, _)| act(node..node + 1));
-        }
-    }
-}
-
-/// Copies the unknowns of nodes whose flag is set; each node has `per` unknowns.
-pub(crate) fn copy_flagged<T: Real>(target: &mut [T], source: &[T], flags: &[bool], per: usize) {
-    let part = |target: &mut [T], source: &[T], flags: &[bool]| {
-        flagged(flags, &mut |nodes| {
-            let range = per * nodes.start..per * nodes.end;
-            target[range.clone()].copy_from_slice(&source[range]);
-        });
-    };
-    if per == 0 || !pays(target.len()) {
-        return part(target, source, flags);
-    }
-    let parts = target
-        .par_chunks_mut(per * CHUNK)
-        .zip(source.par_chunks(per * CHUNK));
-    let parts = parts.zip(flags.par_chunks(CHUNK));
-    parts.for_each(|((target, source), flags)| part(target, source, flags));
-}
-
 /// Copies `from` to `to`.
 pub fn copy<T: Real>(target: &mut [T], source: &[T]) {
     if !pays(target.len()) {
@@ -196,34 +162,6 @@ pub(crate) fn accelerate<T: Real>(h: T, v: &mut [T], a: &mut [T], force: &[T], w
     let moving = v.par_chunks_mut(CHUNK).zip(a.par_chunks_mut(CHUNK));
     let driving = force.par_chunks(CHUNK).zip(w.par_chunks(CHUNK));
     moving.zip(driving).for_each(|((v, a), (f, w))| part(v, a, f, w));
-}
-
-/// Does the work of [`accelerate`] for nodes whose flag is set; each node has `per` unknowns.
-pub(crate) fn accelerate_flagged<T: Real>(
-    h: T,
-    [v, a]: [&mut [T]; 2],
-    [force, w]: [&[T]; 2],
-    flags: &[bool],
-    per: usize,
-) {
-    let part = |v: &mut [T], a: &mut [T], f: &[T], w: &[T], flags: &[bool]| {
-        flagged(flags, &mut |nodes| {
-            let range = per * nodes.start..per * nodes.end;
-            let moving = v[range.clone()].iter_mut().zip(&mut a[range.clone()]);
-            for ((v, a), (f, w)) in moving.zip(f[range.clone()].iter().zip(&w[range])) {
-                *a = *f * *w;
-                *v += h * *a;
-            }
-        });
-    };
-    if per == 0 || !pays(v.len()) {
-        return part(v, a, force, w, flags);
-    }
-    let size = per * CHUNK;
-    let moving = v.par_chunks_mut(size).zip(a.par_chunks_mut(size));
-    let driving = force.par_chunks(size).zip(w.par_chunks(size));
-    let parts = moving.zip(driving).zip(flags.par_chunks(CHUNK));
-    parts.for_each(|(((v, a), (f, w)), flags)| part(v, a, f, w, flags));
 }
 
 #[cfg(test)]

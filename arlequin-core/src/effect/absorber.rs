@@ -5,7 +5,7 @@
 //! mass-weighted projection onto a resolved space (the mediator's or a coarser one). Its force has the
 //! symmetric form `F = −(I − P)ᵀ diag(m η) (I − P) v`: rigid motions are untouched, and energy only leaves.
 
-use super::{AnyEffect, Effect, EffectSpec, Host, Instant, Sparse, StepDemand};
+use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
 use crate::interface::{Rows, add_at};
@@ -394,19 +394,6 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
 
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::damping(self.top_rate)
-    }
-
-    fn sparse(&mut self) -> Option<&mut dyn Sparse<T>> {
-        Some(self)
-    }
-}
-
-impl<T: Real> Sparse<T> for AttachedAbsorber<T> {
-    fn mark(&mut self, _: &Instant<'_, T>, nodes: &mut [bool]) -> Result<()> {
-        self.local_nodes
-            .iter()
-            .for_each(|[_, node]| nodes[*node as usize] = true);
-        Ok(())
     }
 }
 

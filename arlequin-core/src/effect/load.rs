@@ -1,6 +1,6 @@
 //! Forces on given unknowns: nodal loads and surface tractions with a time function.
 
-use super::{AnyEffect, Effect, EffectSpec, Host, Instant, Sparse};
+use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
 use crate::Exact;
 use crate::error::invalid;
 use crate::model::DofLayout;
@@ -50,8 +50,6 @@ pub struct Load<T: Real> {
 struct WeightedLoad<T: Real> {
     name: String,
     forces: Vec<(usize, T)>,
-    /// Nodes of the unknowns, each once.
-    nodes: Vec<usize>,
     time: TimeFunction<T>,
     factor: T,
 }
@@ -159,15 +157,10 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                 }
             }
         }
-        // Unknowns without a force would be visited in every step.
-        let forces: Vec<_> = sum.into_iter().filter(|(_, f)| *f != T::zero()).collect();
-        let mut nodes: Vec<usize> = forces.iter().map(|(dof, _)| layout.node_of(*dof)).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
         Ok(Box::new(WeightedLoad {
             name: self.name,
-            forces,
-            nodes,
+            // Unknowns without a force would be visited in every step.
+            forces: sum.into_iter().filter(|(_, f)| *f != T::zero()).collect(),
             time: self.time,
             factor: T::zero(),
         }))
@@ -194,10 +187,6 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
         true
     }
 
-    fn sparse(&mut self) -> Option<&mut dyn Sparse<T>> {
-        Some(self)
-    }
-
     fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
         terms.for_each(|x| sum.add(x.as_f64()));
@@ -206,12 +195,5 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
 
     fn power(&self, v: &[T]) -> T {
         self.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * self.factor
-    }
-}
-
-impl<T: Real> Sparse<T> for WeightedLoad<T> {
-    fn mark(&mut self, _: &Instant<'_, T>, nodes: &mut [bool]) -> Result<()> {
-        self.nodes.iter().for_each(|k| nodes[*k] = true);
-        Ok(())
     }
 }

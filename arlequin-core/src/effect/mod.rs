@@ -225,7 +225,6 @@ pub trait AnyEffect<T: Real>: Send {
 /// A load, a damping or any other force on one subdomain beside the internal forces, ready to act.
 pub trait Effect<T: Real>: AnyEffect<T> {
     /// Adds the weighted forces \[N, N m\] to `f` and keeps them for [`Self::power`]. Must not allocate.
-    /// [`Sparse::mark`] may precede the call or not.
     ///
     /// # Errors
     /// Any error of the effect.
@@ -256,22 +255,4 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     fn is_dead(&self) -> bool {
         false
     }
-
-    /// The effect as one that acts on few nodes, if it is. A model that makes its steps itself then
-    /// accelerates all other nodes in the pass that computes their forces.
-    fn sparse(&mut self) -> Option<&mut dyn Sparse<T>> {
-        None
-    }
-}
-
-/// An effect that acts on few nodes and can tell on which before the internal forces are known. It reads the
-/// internal forces, and `f`, at no other nodes.
-pub trait Sparse<T: Real> {
-    /// Sets `nodes` to true for every node on which [`Effect::add_forces`] may act at this instant; it may
-    /// set more. `instant` has no internal forces. [`Effect::add_forces`] follows at the same instant, after
-    /// the model may have changed itself. Must not allocate.
-    ///
-    /// # Errors
-    /// Errors of [`Effect::add_forces`].
-    fn mark(&mut self, instant: &Instant<'_, T>, nodes: &mut [bool]) -> Result<()>;
 }

@@ -69,11 +69,10 @@ impl<T: Real> Subdomain<T> {
                 let terms = self.forces.internal().iter().zip(average.loads());
                 out.iter_mut().zip(terms).for_each(|(o, (f, g))| *o = *f + *g);
             }
-            // In a step of the model, other forces act on the nodes that waited alone.
+            // A model that makes its steps itself has no other forces.
             Stepper::Verlet if self.forces.are_released() => {
                 out.fill(T::zero());
                 self.model.add_internal_forces(&self.state.q, out)?;
-                self.forces.copy_waiting(&self.model.layout(), out);
             }
             Stepper::Verlet => out.copy_from_slice(self.forces.total()),
         }

@@ -18,7 +18,7 @@ pub struct SubdomainSnapshot<T> {
     pub v: Vec<T>,
     /// Accelerations.
     pub a: Vec<T>,
-    /// Internal forces at `q`; empty if the model has made the last step itself.
+    /// Internal forces at `q`; empty if the model makes its steps itself.
     pub internal: Vec<T>,
     /// Internal energy at `q` \[J\], if the ledger knows it.
     pub energy: Option<T>,

@@ -74,7 +74,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Writes the weighted internal forces of the present state, without other forces.
     pub(crate) fn internal_forces_now(&mut self, out: &mut [T]) -> Result<()> {
-        // A model that makes its steps itself stores few forces or none.
+        // A model that makes its steps itself stores no forces.
         if self.forces.are_released() && matches!(self.stepper, Stepper::Verlet) {
             out.fill(T::zero());
             return self.model.add_internal_forces(&self.state.q, out);

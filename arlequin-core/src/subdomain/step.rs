@@ -3,7 +3,7 @@
 use super::account::Energies;
 use super::{Stepper, Subdomain};
 use crate::effect::Instant;
-use crate::model::{DofLayout, Evolution, State};
+use crate::model::{Evolution, State};
 use crate::phase::Phase;
 use crate::{Real, Result, parallel};
 
@@ -35,20 +35,15 @@ enum Loads<T> {
 /// Forces of this instant and of the one before.
 #[derive(Debug)]
 pub(super) struct Forces<T> {
-    pub(super) internal: Vec<T>,
+    internal: Vec<T>,
     internal_before: Vec<T>,
     /// Displacements one own step earlier, where they are kept.
-    pub(super) q_before: Vec<T>,
+    q_before: Vec<T>,
     loads: Loads<T>,
     /// False between a restored state and its first step, when forces are not those of the present state.
     known: bool,
-    /// True if the model has made the last step itself: internal forces are then stored at nodes that waited
-    /// only, and nowhere if nothing but the model acts.
+    /// True if the model makes its steps itself; the arrays are then empty.
     released: bool,
-    /// Nodes that waited for other forces in a step of the model.
-    pub(super) waiting: Vec<bool>,
-    /// Moving unknowns of supports and where they are after the step.
-    pub(super) placed: Vec<(usize, T)>,
 }
 
 impl<T: Real> Forces<T> {
@@ -60,13 +55,11 @@ impl<T: Real> Forces<T> {
             loads: Loads::Absent,
             known: false,
             released: false,
-            waiting: Vec::new(),
-            placed: Vec::new(),
         }
     }
 
-    /// Returns whether the model has made the last step itself. Empty arrays would not tell, since a rank
-    /// without nodes has them too.
+    /// Returns whether the model makes its steps itself. Empty arrays would not tell, since a rank without
+    /// nodes has them too.
     pub(super) fn are_released(&self) -> bool {
         self.released
     }
@@ -100,8 +93,7 @@ impl<T: Real> Forces<T> {
     /// Sets the internal forces of a restored state; the others are unknown until the next step.
     pub(super) fn restore(&mut self, internal: &[T]) {
         self.known = false;
-        self.released = self.internal.len() != internal.len();
-        if !self.released {
+        if self.internal.len() == internal.len() {
             self.internal.copy_from_slice(internal);
         }
     }
@@ -140,36 +132,6 @@ impl<T: Real> Forces<T> {
         self.internal_before = Vec::new();
         self.q_before = Vec::new();
         self.released = true;
-    }
-
-    /// Begins a step in which nodes wait for other forces; none does yet.
-    pub(super) fn begin_waiting(&mut self, nodes: usize) {
-        self.waiting.clear();
-        self.waiting.resize(nodes, false);
-        self.placed.clear();
-        self.released = true;
-    }
-
-    /// Copies the internal forces of waiting nodes to the sums to which effects add theirs.
-    pub(super) fn load_waiting(&mut self, layout: &DofLayout) {
-        let (Loads::Own(total) | Loads::Paired(total)) = &mut self.loads else {
-            return;
-        };
-        let first = layout.translations();
-        let (moved, turned) = total.split_at_mut(first);
-        let (pushing, turning) = self.internal.split_at(first);
-        parallel::copy_flagged(moved, pushing, &self.waiting, layout.components);
-        parallel::copy_flagged(turned, turning, &self.waiting, layout.rotations);
-    }
-
-    /// Copies all forces on the nodes that waited in the last step.
-    pub(super) fn copy_waiting(&self, layout: &DofLayout, out: &mut [T]) {
-        let (moved, turned) = out.split_at_mut(layout.translations());
-        let (pushing, turning) = self
-            .total()
-            .split_at(layout.translations().min(self.total().len()));
-        parallel::copy_flagged(moved, pushing, &self.waiting, layout.components);
-        parallel::copy_flagged(turned, turning, &self.waiting, layout.rotations);
     }
 
     /// Displacements and internal forces one own step earlier.
@@ -224,18 +186,6 @@ impl<T: Real> Subdomain<T> {
         }
         let (instant, total) = self.forces.instant(step_end, &self.state);
         parallel::copy(total, instant.internal);
-        self.add_loads(step_end, number, announce)
-    }
-
-    /// Adds the forces of effects to the sums that hold the internal forces; `number` as in
-    /// [`Self::evaluate`].
-    pub(super) fn add_loads(
-        &mut self,
-        step_end: StepEnd<T>,
-        number: usize,
-        announce: &mut Announce<'_>,
-    ) -> Result<()> {
-        let (instant, total) = self.forces.instant(step_end, &self.state);
         for (k, e) in self.effects.iter_mut().enumerate() {
             announce(Phase::Effect(number, k));
             e.effect.add_forces(&instant, total)?;
@@ -261,27 +211,6 @@ impl<T: Real> Subdomain<T> {
         let half = step_end.since * T::of(0.5);
         let State { v, a, .. } = &mut self.state;
         parallel::accelerate(half, v, a, self.forces.total(), &self.inverse_inertia);
-        self.accelerate_supports(step_end);
-    }
-
-    /// Does the work of [`Self::accelerate`] at nodes that wait in a step of the model.
-    pub(super) fn accelerate_waiting(&mut self, step_end: StepEnd<T>) {
-        let half = step_end.since * T::of(0.5);
-        let layout = self.model.layout();
-        let first = layout.translations();
-        let State { v, a, .. } = &mut self.state;
-        let ([v, spin], [a, b]) = (v.split_at_mut(first).into(), a.split_at_mut(first).into());
-        let [f, torque] = self.forces.total().split_at(first).into();
-        let [w, turned] = self.inverse_inertia.split_at(first).into();
-        let waiting = &self.forces.waiting;
-        parallel::accelerate_flagged(half, [v, a], [f, w], waiting, layout.components);
-        parallel::accelerate_flagged(half, [spin, b], [torque, turned], waiting, layout.rotations);
-        self.accelerate_supports(step_end);
-    }
-
-    /// Sets prescribed velocities and accelerations.
-    fn accelerate_supports(&mut self, step_end: StepEnd<T>) {
-        let State { v, a, .. } = &mut self.state;
         for motion in &self.supports {
             // Prescribed unknowns take no part in the acceleration: their inverse inertia is zero.
             let (_, velocity, acceleration) = motion.kinematics(step_end.time, step_end.dt);
@@ -365,11 +294,10 @@ impl<T: Real> Subdomain<T> {
         keep: bool,
         announce: &mut Announce<'_>,
     ) -> Result<()> {
-        if self.stride(step_end, keep)? || self.stride_with_loads(number, step_end, keep, announce)? {
+        if self.stride(step_end, keep)? {
             return Ok(());
         }
         let evolves = self.model.evolving().is_some();
-        self.update_internal()?;
         let forces = &mut self.forces;
         // The kick zeroes the array of forces before last, and the new forces go there.
         std::mem::swap(&mut forces.internal, &mut forces.internal_before);
@@ -408,18 +336,8 @@ impl<T: Real> Subdomain<T> {
         Ok(())
     }
 
-    /// Evaluates the internal forces before the step if the last one did not store them.
-    fn update_internal(&mut self) -> Result<()> {
-        if std::mem::take(&mut self.forces.released) {
-            self.forces.internal.fill(T::zero());
-            self.model
-                .add_internal_forces(&self.state.q, &mut self.forces.internal)?;
-        }
-        Ok(())
-    }
-
     /// Lets the model change itself; energy that leaves it is a negative work.
-    pub(super) fn evolve(&mut self, time: T) -> Result<()> {
+    fn evolve(&mut self, time: T) -> Result<()> {
         if let (Some(model), Some(line)) = (self.model.evolving(), &mut self.evolved) {
             let released = model.evolve(Evolution {
                 time,

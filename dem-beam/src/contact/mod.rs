@@ -42,7 +42,7 @@ use crate::error::Result;
 use crate::fracture::{SharedLog, locked};
 use crate::model::DemModel;
 use arlequin_core::Exact;
-use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, Sparse, StepDemand};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use arlequin_core::{Arms, DofLayout};
 use neighbours::PairList;
@@ -66,8 +66,6 @@ struct Contacts {
     seen: usize,
     touching: Touching,
     pairs: Pairs,
-    /// Number of searches before the pairs of the present instant were measured, if they were.
-    measured: Option<usize>,
 }
 
 /// Pairs of one body that may touch.
@@ -105,7 +103,6 @@ impl Contact {
             seen: 0,
             pairs: Pairs::Whole(Box::new(PairList::new(body, law.skin * body.mean_radius()))),
             touching: Touching::new(law),
-            measured: None,
         }))
     }
 }
@@ -199,63 +196,30 @@ impl AnyEffect<f64> for Contacts {
     }
 }
 
-impl Contacts {
-    /// Measures the pairs of a whole body at an instant; does nothing if they are measured and no bond has
-    /// broken since.
-    fn measure(&mut self, instant: &Instant<'_, f64>) {
-        let Pairs::Whole(list) = &mut self.pairs else {
-            return;
-        };
+impl Effect<f64> for Contacts {
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
         let (grains, touching) = (&mut self.grains, &mut self.touching);
+        // Breaks of all ranks since the last step.
         let log = locked(&self.log);
         let breaks = &log.events()[self.seen..];
         self.seen = log.events().len();
-        match self.measured {
-            // Budgets refer to places in the list: settle them before a search reorders it.
-            None => touching.settle(&mut list.listed, from_ref(instant)),
-            Some(_) if breaks.is_empty() => return,
-            // A search at this instant did not know the pairs that have broken: it is made again, so that the
-            // list has the order of a search.
-            Some(searches) => list.listed.repeat_search_after(searches),
-        }
-        self.measured.get_or_insert(list.listed.searches);
-        for event in breaks {
-            list.add_broken(event, &grains.rest_spheres);
-        }
-        if !list.listed.follow(from_mut(grains), &[instant.q]) {
-            grains.place(instant.q);
-            list.refresh(&grains.now, &grains.rest_spheres, &log);
-            list.listed.measure(from_ref(grains), &[instant.q]);
-        }
-    }
-}
-
-impl Sparse<f64> for Contacts {
-    fn mark(&mut self, instant: &Instant<'_, f64>, nodes: &mut [bool]) -> arlequin_core::Result<()> {
-        self.measure(instant);
-        if let Pairs::Whole(list) = &self.pairs {
-            let ends = |k: usize| list.listed.pairs[k].ends;
-            let touching = list.listed.touching().iter().flat_map(|(k, _)| ends(*k));
-            touching.for_each(|i| nodes[i as usize] = true);
-        }
-        Ok(())
-    }
-}
-
-impl Effect<f64> for Contacts {
-    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        self.measure(instant);
-        self.measured = None;
-        let (grains, touching) = (&mut self.grains, &mut self.touching);
         match &mut self.pairs {
             Pairs::Whole(list) => {
+                // Budgets refer to places in the list: settle them before a search reorders it.
+                touching.settle(&mut list.listed, from_ref(instant));
+                for event in breaks {
+                    list.add_broken(event, &grains.rest_spheres);
+                }
+                let listed = &mut list.listed;
+                if !listed.follow(from_mut(grains), &[instant.q]) {
+                    grains.place(instant.q);
+                    list.refresh(&grains.now, &grains.rest_spheres, &log);
+                    list.listed.measure(from_ref(grains), &[instant.q]);
+                }
+                drop(log);
                 touching.respond(&mut list.listed, from_mut(grains), from_ref(instant), &mut [f]);
             }
             Pairs::Part(part) => {
-                // Breaks of all ranks since the last step.
-                let log = locked(&self.log);
-                let breaks = &log.events()[self.seen..];
-                self.seen = log.events().len();
                 grains.place(instant.q);
                 let pushing = part.gather_pushing(breaks, grains, &log)?;
                 drop(log);
@@ -283,11 +247,6 @@ impl Effect<f64> for Contacts {
             add(f, i, &force, &torque);
         }
         true
-    }
-
-    fn sparse(&mut self) -> Option<&mut dyn Sparse<f64>> {
-        // On several ranks the touching pairs are known on all of them only after an exchange.
-        matches!(self.pairs, Pairs::Whole(_)).then_some(self as _)
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

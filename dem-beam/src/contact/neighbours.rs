@@ -146,16 +146,6 @@ impl Listed {
         holds
     }
 
-    /// Lets the next [`Self::refresh`] search again if there has been a search after the first `searches`,
-    /// which then does not count.
-    pub(super) fn repeat_search_after(&mut self, searches: usize) {
-        if self.searches > searches {
-            self.searches = searches;
-            self.built.clear();
-            self.watch.reset();
-        }
-    }
-
     /// Measures all pairs, for particles that have been placed at the displacements `q`.
     pub(super) fn measure(&mut self, grains: &[Grains], q: &[&[f64]]) {
         let known = (self.searches, self.skin, &self.built[..]);

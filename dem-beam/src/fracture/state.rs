@@ -162,13 +162,6 @@ impl FractureState {
         Some((screen, &mut self.marks))
     }
 
-    /// Returns whether the force kernel marks the blocks of all bonds that break, and of both of their ends.
-    pub(crate) fn is_screened(&self) -> bool {
-        // Blocks of other ranks are marked there. A particle that breaks does not mark its neighbours'
-        // blocks.
-        self.screen.is_some() && self.parts.is_none() && self.particles.is_none()
-    }
-
     /// Follows new weights: makes whole bonds for which `inside` is true unbreakable and the others
     /// breakable, if the specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {

@@ -188,8 +188,8 @@ impl<F: Cut> Cut for Part<'_, F> {
 pub(crate) trait Finish: Cut {
     /// Prefetches the data that [`Finish::take`] needs for block `b` of this part.
     fn fetch<L: Lanes>(&self, l: L, b: usize);
-    /// Takes forces and torques on the particles of block `b`; `marked` is true if a bond of it may break.
-    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6], marked: bool);
+    /// Takes forces and torques on the particles of block `b`.
+    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]);
     /// Returns the sum over all blocks taken so far.
     fn sum(&self) -> f64 {
         0.0
@@ -230,7 +230,7 @@ impl Finish for Sink<'_> {
     }
 
     #[inline(always)]
-    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6], _: bool) {
+    fn take<L: Lanes>(&mut self, l: L, b: usize, f: [L::V; 6]) {
         let range = PER_BLOCK * b..self.linear.len().min(PER_BLOCK * (b + 1));
         add_interleaved(l, [f[0], f[1], f[2]], &mut self.linear[range.clone()]);
         add_interleaved(l, [f[3], f[4], f[5]], &mut self.angular[range]);
@@ -402,8 +402,8 @@ impl<L: Lanes, W: Screened, F: Finish> Blocks<'_, '_, L, W, F> {
             }
             let inputs = (self.pass.layout, self.rows, far);
             let f = gather::<L, W, K>(l, inputs, &self.k, self.first + b, visitor);
-            let marked = visitor.end(b);
-            self.finish.take(l, b, f, marked);
+            self.finish.take(l, b, f);
+            visitor.end(b);
         }
     }
 }

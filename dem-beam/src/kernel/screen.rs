@@ -1,11 +1,10 @@
 //! Strength check inside the force kernel.
 //!
 //! The force kernel already has what the fracture criteria need: strain, twist and end rotations of eight
-//! bonds at a time. Each half-bond compares the larger moment of both ends, so that the blocks of both
-//! particles of a breaking bond are marked: their forces change with the break. The comparison uses a limit
-//! that lies [`MARGIN`] below the strength, and it marks whole blocks. The caller then checks the bonds of
-//! marked blocks with the exact criterion. No block with a breaking bond is missed unless round-off reaches
-//! the margin, which [`Screen::new`] rules out.
+//! bonds at a time. Each half-bond compares the moment at its own end, so that both ends of a bond are
+//! checked. The comparison uses a limit that lies [`MARGIN`] below the strength, and it marks whole blocks.
+//! The caller then checks the bonds of marked blocks with the exact criterion. No block with a breaking bond
+//! is missed unless round-off reaches the margin, which [`Screen::new`] rules out.
 //!
 //! ```text
 //! N = E e   B = E r_b/l |m|   m = 4 a + 2 b   tau = G r_b twist/l
@@ -257,14 +256,15 @@ impl Screened for Linear {
             let held = l.madd(t.difference, across(l, q, b, twist), held);
             return l.sub(t.scaled(l, held, ratio), l.sqrt(q));
         }
-        // `2 a + b` and, at the other end, `a + 2 b`: half of the moments `m`; the factor two is in `t.bend`.
-        let near_half = minus(l, c, t.three, sum(l, ti, rotation_sum));
-        let far_half = minus(l, c, t.three, sum(l, tj, rotation_sum));
-        let near_square = across(l, q, near_half, l.madd(t.two, pi, pj));
-        let far_square = across(l, q, far_half, l.madd(t.two, pj, pi));
+        // `2 a + b`, half of the moment `m`; the factor two is in `t.bend`.
+        let half = minus(l, c, t.three, sum(l, ti, rotation_sum));
         // Squares are compared: no root per bond.
         let square = squared(l, ratio);
-        let bend = t.scaled(l, l.mul(t.bend, l.max(near_square, far_square)), square);
+        let bend = t.scaled(
+            l,
+            l.mul(t.bend, across(l, q, half, l.madd(t.two, pi, pj))),
+            square,
+        );
         let shear = t.scaled(l, l.mul(t.shear, l.mul(twist, twist)), square);
         t.stress_excess(l, t.scaled(l, l.mul(t.young, strain), ratio), bend, shear)
     }
@@ -318,14 +318,12 @@ impl Screened for Finite {
             let held = l.madd(bent, unit, held);
             return l.sub(t.scaled(l, held, ratio), rest_length);
         }
-        let near_half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
-        let far_half = minus(l, n, l.madd(t.two, cj, ci), axpy(l, tj, t.two, ti));
-        let half_square = l.max(dot(l, near_half, near_half), dot(l, far_half, far_half));
+        let half = minus(l, n, l.madd(t.two, ci, cj), axpy(l, ti, t.two, tj));
         // Strains are length changes over the length at rest.
         let per = l.recip(rest_length);
         let per = t.scaled(l, per, ratio);
         let square = l.mul(per, per);
-        let bent = l.mul(half_square, unit);
+        let bent = l.mul(dot(l, half, half), unit);
         let bend = l.mul(l.mul(t.bend, bent), square);
         let shear = l.mul(l.mul(t.shear, l.mul(twist, twist)), square);
         t.stress_excess(l, l.mul(l.mul(t.young, stretch), per), bend, shear)
@@ -414,9 +412,8 @@ impl<L: Lanes, W: Screened> Visitor<L, W> for StrengthCheck<'_, L> {
     }
 
     #[inline(always)]
-    fn end(&mut self, b: usize) -> bool {
+    fn end(&mut self, b: usize) {
         // Strictly above zero, because empty lanes give exactly zero.
         self.marks[b] = self.l.store(self.worst).iter().any(|x| *x > 0.0);
-        self.marks[b]
     }
 }

@@ -15,11 +15,9 @@ pub(crate) trait Visitor<L: Lanes, W: Law> {
         particles: &W::Ready<L>,
         near: &W::Near<L>,
     );
-    /// Called when block `b` of the part is finished; returns whether a bond of it may break.
+    /// Called when block `b` of the part is finished.
     #[inline(always)]
-    fn end(&mut self, _b: usize) -> bool {
-        false
-    }
+    fn end(&mut self, _b: usize) {}
 }
 
 /// The empty visitor: does nothing and costs nothing.
@@ -50,9 +48,9 @@ impl<L: Lanes, W: Law, A: Visitor<L, W>, B: Visitor<L, W>> Visitor<L, W> for (A,
         self.1.visit(k, index, slot, particles, near);
     }
     #[inline(always)]
-    fn end(&mut self, b: usize) -> bool {
-        let first = self.0.end(b);
-        self.1.end(b) | first
+    fn end(&mut self, b: usize) {
+        self.0.end(b);
+        self.1.end(b);
     }
 }
 

@@ -9,16 +9,15 @@ use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
 use crate::kernel::layout::Layout;
 use crate::kernel::screen::Screened;
+use crate::kernel::stride::{Accelerate, Drift, Moving};
 use crate::kernel::turn::{Turn, turned};
 use crate::particles::BondedParticles;
 use arlequin_core::Exact;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::ranks::{Halo, Message, RankError, UNIT};
-use arlequin_core::{Drawn, Drift, Kick, Stride};
+use arlequin_core::{Drawn, Stride};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::marker::PhantomData;
-
-mod steps;
 
 /// Row of a particle that has neither moved nor turned: the quaternion is (1, 0, 0, 0).
 const UPRIGHT: CacheLine = CacheLine([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
@@ -116,10 +115,6 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()>;
     /// Does one step of velocity Verlet.
     fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>>;
-    /// Does the first half of such a step: moves the particles and makes `q` the reached state.
-    fn drift(&mut self, drift: Drift<'_, f64>);
-    /// Does the second half, with `marks` as in [`Self::advance`]; leaves out blocks that wait or are marked.
-    fn kick(&mut self, kick: Kick<'_, f64>, marks: Option<Marks<'_>>) -> RankResult<()>;
     /// Returns the orientations reached last under the finite-rotation law, `None` under the small one.
     fn orientations(&self) -> Option<Orientations<'_>>;
     /// Writes the states of the ghosts at the positions reached last, as a [`super::poses::Reader`] takes
@@ -304,6 +299,53 @@ impl<W: Screened> Gather<W> {
         self.rows.len() > LARGE && rayon::current_num_threads() > 1
     }
 
+    /// Does both passes of a step: drift with the rows, then forces with the kick.
+    fn strides(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {
+        let Stride {
+            dt,
+            q,
+            v,
+            a,
+            inverse_inertia,
+            inertia,
+        } = step;
+        let (n, isa, parallel) = (q.len() / 2, self.isa, self.parallel());
+        let steps = [dt, dt * 0.5];
+        let moving = Moving {
+            rows: &mut self.rows[..n / 3],
+            reached: &mut self.reached,
+            q: q.split_at_mut(n).into(),
+            v: v.split_at(n).into(),
+            a: a.split_at(n).into(),
+        };
+        in_parts(moving, parallel, &|p| {
+            let Moving {
+                rows,
+                reached,
+                mut q,
+                v,
+                a,
+            } = p;
+            for ((q, v), a) in q.iter_mut().zip(v).zip(a) {
+                isa.run(Drift { step: steps, q, v, a });
+            }
+            W::write_rows(isa, rows, q[0], q[1], reached);
+        });
+        let accelerate = Accelerate {
+            step: steps,
+            v: v.split_at_mut(n).into(),
+            a: a.split_at_mut(n).into(),
+            w: inverse_inertia.split_at(n).into(),
+            m: inertia.map(|m| m.split_at(n).into()),
+            sum: 0.0,
+        };
+        self.gather(accelerate, None, inertia.is_some())?;
+        Ok(inertia.map(|_| {
+            let [internal, moving] = self.total();
+            Drawn { internal, moving }
+        }))
+    }
+
     fn pass(&self) -> Pass<'_, W> {
         Pass {
             layout: &self.layout,
@@ -353,14 +395,6 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         } else {
             self.strides(step)
         }
-    }
-
-    fn drift(&mut self, drift: Drift<'_, f64>) {
-        self.drifts(drift);
-    }
-
-    fn kick(&mut self, kick: Kick<'_, f64>, marks: Option<Marks<'_>>) -> RankResult<()> {
-        self.kicks(kick, marks)
     }
 
     fn orientations(&self) -> Option<Orientations<'_>> {

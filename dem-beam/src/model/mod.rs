@@ -25,7 +25,6 @@ pub(crate) mod poses;
 mod recovery;
 mod report;
 mod select;
-mod stepping;
 mod stiffness;
 mod torn;
 mod wanting;
@@ -51,8 +50,8 @@ use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model, Owned,
-    ParticleField, State, Stepping, Views, Watching, Weight, check_size, spectrum,
+    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
+    Owned, ParticleField, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -375,9 +374,7 @@ impl Model<f64> for DemModel {
     }
 
     fn stepping(&mut self) -> Option<&mut dyn Stepping<f64>> {
-        // Otherwise the core compares bond by bond, or hears of breaks from other ranks.
-        let can = self.fracture.as_ref().is_none_or(FractureState::is_screened);
-        can.then_some(self as _)
+        self.fracture.is_none().then_some(self as _)
     }
 
     fn arms(&self) -> Arms {
@@ -456,6 +453,13 @@ impl Model<f64> for DemModel {
         views.links = Some(self);
         views.watching = Some(self);
         views
+    }
+}
+
+impl Stepping<f64> for DemModel {
+    fn stride(&mut self, step: Stride<'_, f64>) -> arlequin_core::Result<Option<Drawn<f64>>> {
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
+        Ok(kernel.stride(step)?)
     }
 }
 

@@ -29,7 +29,7 @@ use crate::error::{Error, Result, positive};
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
 use arlequin_core::Exact;
-use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, Sparse, StepDemand};
+use arlequin_core::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use arlequin_core::snapshot::Record;
 use arlequin_core::{DofLayout, Model, TimeFunction};
 use nalgebra::{Point3, Vector3};
@@ -89,8 +89,6 @@ struct Body {
     supplied: f64,
     /// True once the state before the first step has been checked.
     checked: bool,
-    /// True if the obstacle has been moved to the present instant and the near particles are listed.
-    placed: bool,
     /// True if the next step takes the particles in reverse order; see [`crate::contact`].
     backwards: bool,
     /// Half of the energy supplied at the last instant, which belongs to the half step still to come \[J\].
@@ -147,7 +145,6 @@ impl Obstacle {
             reaction: Vector3::zeros(),
             supplied: 0.0,
             checked: false,
-            placed: false,
             backwards: false,
             pending: 0.0,
             first_energy: 0.0,
@@ -334,14 +331,8 @@ impl Body {
         }
     }
 
-    /// Moves the obstacle to the instant and lists the particles near it in a body that is not partitioned.
-    fn place(&mut self, instant: &Instant<'_, f64>) -> arlequin_core::Result<()> {
-        self.advance(instant)?;
-        self.check_start(instant.q)?;
-        if self.partition.is_some() {
-            return Ok(());
-        }
-        self.settle_budgets(instant);
+    /// Computes the contacts with the listed near particles.
+    fn respond(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) {
         let springs = &mut self.springs;
         // A particle off the list cannot touch: its contact starts anew when it returns.
         let lost = |i: usize| {
@@ -352,11 +343,6 @@ impl Body {
         let u = &instant.q[..3 * self.grains.len()];
         self.near
             .refresh(&self.shape, &self.moved, u, &self.grains.rest_spheres, lost);
-        Ok(())
-    }
-
-    /// Computes the contacts with the listed near particles.
-    fn respond(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) {
         let near = std::mem::take(&mut self.near.particles);
         self.act_on(&near, instant, f);
         self.near.particles = near;
@@ -524,16 +510,18 @@ impl AnyEffect<f64> for Body {
 
 impl Effect<f64> for Body {
     fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> arlequin_core::Result<()> {
-        if !std::mem::take(&mut self.placed) {
-            self.place(instant)?;
-        }
+        self.advance(instant)?;
+        self.check_start(instant.q)?;
         match self.partition.take() {
             Some(mut partition) => {
                 let done = self.respond_partitioned(&mut partition, instant, f);
                 self.partition = Some(partition);
                 done?;
             }
-            None => self.respond(instant, f),
+            None => {
+                self.settle_budgets(instant);
+                self.respond(instant, f);
+            }
         }
         self.settle(instant);
         Ok(())
@@ -559,10 +547,6 @@ impl Effect<f64> for Body {
         true
     }
 
-    fn sparse(&mut self) -> Option<&mut dyn Sparse<f64>> {
-        self.partition.is_none().then_some(self as _)
-    }
-
     fn step_demand(&self) -> StepDemand<f64> {
         let flat = |r: f64| self.law.law.stiffness([1e12 * r, r]);
         let mut top = self.owned().1.top(flat);
@@ -580,15 +564,6 @@ impl Effect<f64> for Body {
             damping,
             ..StepDemand::none()
         }
-    }
-}
-
-impl Sparse<f64> for Body {
-    fn mark(&mut self, instant: &Instant<'_, f64>, nodes: &mut [bool]) -> arlequin_core::Result<()> {
-        self.place(instant)?;
-        self.placed = true;
-        self.near.particles.iter().for_each(|i| nodes[*i as usize] = true);
-        Ok(())
     }
 }
 

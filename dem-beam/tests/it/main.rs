@@ -1,4 +1,4 @@
-//! Tests of the particles, linked as one program instead of 25.
+//! Tests of the particles, linked as one program instead of 24.
 
 mod around;
 mod bond;
@@ -13,7 +13,6 @@ mod grades;
 mod hard_cases;
 mod import;
 mod kernel;
-mod loaded_stride;
 mod model;
 mod obstacle;
 mod packing;
