@@ -116,8 +116,10 @@ fn supports_that_move_the_same_nodes_are_told_apart_by_place_and_component() {
         let second_support = format!("[[support]]\nmodel = \"left\"\nwhere = \"y-min\"\n{second}\n");
         Scene::from_text(SOLIDS.replacen("where = \"x-min\"", &held, 1) + &second_support)
     };
-    let motion = "motion = { amplitude = 1e-6 }";
-    let in_y = format!("components = [\"y\"]\n{motion}");
+    let moved = "motion = { amplitude = 1e-6 }";
+    let in_y = format!("components = [\"y\"]\n{moved}");
+    let in_all = format!("components = [\"x\", \"y\", \"z\"]\n{moved}");
+    let motion = in_all.as_str();
     for (first, second) in [
         ("", in_y.as_str()),
         (motion, "components = [\"y\"]"),

@@ -419,7 +419,7 @@ fn loads_that_come_slowly_break_nothing_that_equilibrium_bears() {
 #[test]
 fn load_steps_up_to_the_first_break_are_solved_directly() {
     let grip = "[[support]]\nname = \"grip\"\nmodel = \"bar\"\nwhere = \"x-max\"\n\
-                motion = { amplitude = 8e-7, time.ramp = { duration = 1.0 } }\n\
+                components = [\"x\", \"y\", \"z\"]\nmotion = { amplitude = 8e-7, time.ramp = { duration = 1.0 } }\n\
                 [probe.grip]\nof = \"grip\"\nquantity = \"force\"\ncomponent = \"x\"";
     let [direct, relaxed] = ["", FAR_PLANE].map(|keys| {
         let text = torn(grip, &format!("tolerance = 1e-7\n{keys}"));

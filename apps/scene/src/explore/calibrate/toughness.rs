@@ -3,10 +3,11 @@
 use super::sample::{Sample, Test};
 use super::strip::Meant;
 use super::{Elastic, Estimate, KEY, with_progress};
+use crate::Progress;
 use crate::error::{Result, key};
+use crate::run::Silent;
 use crate::scene::Scene;
 use crate::setup::filling::dem;
-use crate::{Progress, Silent};
 use arlequin::dem_beam::calibrate::{Elasticity, Spread};
 use arlequin::dem_beam::fracture::{diameter_of_both, tensile_strength};
 use arlequin::dem_beam::packing::Packing;
@@ -17,6 +18,8 @@ use serde::Serialize;
 const AGREE: f64 = 0.1;
 /// Largest relative difference between the fracture energy of a scene and that measured, without a warning.
 const NEAR: f64 = 0.15;
+/// Largest speed of a slow crack over that of waves; the clamps ask for a fiftieth.
+const SLOW: f64 = 0.2;
 /// Elements of the twin across the height of the strip.
 const TWIN: usize = 16;
 
@@ -211,6 +214,14 @@ impl ToughnessResult {
                  strip",
                 100.0 * self.difference,
                 100.0 * AGREE
+            ));
+        }
+        let run_away = self.strips.iter().filter(|s| s.speed > SLOW).count();
+        if run_away > 0 {
+            out.push(format!(
+                "in {run_away} of {} strips the crack ran away, faster than {SLOW} wave speeds: their figures are those of a fast \
+                 crack; take smaller spheres or a higher strip",
+                self.strips.len()
             ));
         }
         if let Some(gc) = self.gc.filter(|gc| (self.released.mean / gc - 1.0).abs() > NEAR) {
