@@ -288,8 +288,8 @@ fn random_states_and_pulses_gain_next_to_nothing_in_space() {
                 step: if own == 1 { 0.5 } else { 0.3 },
                 ..Bar::new(fine, own)
             };
-            // A pulse that is as short as a ramp: particles and elements hold unlike energies for it. Elements gain
-            // nothing in most runs, particles up to 0.08.
+            // A pulse that is as short as a ramp: particles and elements hold unlike energies for it.
+            // Elements gain nothing in most runs, particles up to 0.08.
             let limit = if fine == Fine::Spheres { 0.12 } else { 2.5e-3 };
             let mut run = bar.build(place(0), &mut random(3));
             let [moduli, gains, top] = bar.carry(&mut run, 42, 6);

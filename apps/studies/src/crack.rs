@@ -204,8 +204,9 @@ pub struct Rising {
 }
 
 impl Rising {
-    /// Sorts the breaks above the tip into slices of two spheres, up to the first that the crack did not pass.
-    /// `plate.ends` lie along the second coordinate; `tip` is the place of the tip along the first \[m\].
+    /// Sorts the breaks above the tip into slices of two spheres, up to the first that the crack did not
+    /// pass. `plate.ends` lie along the second coordinate; `tip` is the place of the tip along the first
+    /// \[m\].
     #[must_use]
     pub fn new(plate: Plate, tip: f64, breaks: &[Broken]) -> Self {
         let width = 2.0 * plate.diameter;

@@ -1,8 +1,8 @@
 //! Statics as a run: a sequence of equilibria, one for each instant.
 //!
 //! Linear models under forces that depend on time alone are solved directly ([`Coupled::equilibrium`]), and
-//! so are models that change themselves (bonds that break) until their first change. All others (contact, large
-//! rotations) are relaxed: the models move as in a run while time
+//! so are models that change themselves (bonds that break) until their first change. All others (contact,
+//! large rotations) are relaxed: the models move as in a run while time
 //! stands still, and all velocities are set to zero whenever the kinetic energy has passed a maximum (kinetic
 //! damping, Cundall 1976). From one instant to the next, supports and loads change over [`Relaxation::ramp`]
 //! steps.

@@ -1,4 +1,5 @@
-//! Toughness of strips: the energy that a slow crack takes, against strip theory, and strips that are refused.
+//! Toughness of strips: the energy that a slow crack takes, against strip theory, and strips that are
+//! refused.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use dem_beam::calibrate::{Bar, tension_test};
@@ -32,8 +33,8 @@ fn test(packing: &Packing, strip: &Strip, gc: f64) -> Result<Toughness, Error> {
     toughness_test(packing, beam, strip, fracture)
 }
 
-/// The strip loses what strip theory says at the elongation at which the crack runs, within 20 %: in one small
-/// strip, and with the waves of its clamps. The bonds release their fracture energy, within 20 %.
+/// The strip loses what strip theory says at the elongation at which the crack runs, within 20 %: in one
+/// small strip, and with the waves of its clamps. The bonds release their fracture energy, within 20 %.
 #[test]
 fn a_slow_crack_takes_the_energy_of_strip_theory() {
     let packing = packing(1);
