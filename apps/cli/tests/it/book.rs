@@ -142,7 +142,7 @@ const LEFT_OUT: [(&str, &str); 8] = [
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 9] = [
+const LONG: [&str; 10] = [
     "arlequin run examples/scenes/branching.toml",
     // The page of that run.
     "arlequin view fork",
