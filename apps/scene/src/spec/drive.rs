@@ -169,7 +169,7 @@ pub struct Support {
 }
 
 /// A prescribed motion.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("amplitude speed"))]
 #[non_exhaustive]
@@ -215,7 +215,7 @@ pub struct Load {
 }
 
 /// `[[initial]]`: state of models at time zero.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("anyOf" = [
     { "required": ["displacement"] }, { "required": ["velocity"] },

@@ -235,6 +235,14 @@ pub struct BulkViscosity {
     pub coefficient: f64,
 }
 
+impl Default for BulkViscosity {
+    fn default() -> Self {
+        Self {
+            coefficient: usual_coefficient(),
+        }
+    }
+}
+
 fn usual_coefficient() -> f64 {
     0.06
 }
@@ -280,6 +288,22 @@ pub struct Fracture {
     /// resume` continues the run.
     #[serde(default)]
     pub stop_at_overlap: bool,
+}
+
+impl Default for Fracture {
+    fn default() -> Self {
+        Self {
+            criterion: None,
+            gc: None,
+            strength: None,
+            weibull: None,
+            deviation: None,
+            seed: first_seed(),
+            every: None,
+            spare_overlap: false,
+            stop_at_overlap: false,
+        }
+    }
 }
 
 fn first_seed() -> u64 {

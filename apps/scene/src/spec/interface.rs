@@ -263,7 +263,7 @@ pub struct JunctionTable {
 }
 
 /// Damping of waves in the overlap that the coarse model cannot carry.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("rate rate_factor"))]
 #[non_exhaustive]

@@ -230,3 +230,49 @@ impl Default for Output {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::drive::{Initial, Motion};
+    use super::effect::{BulkViscosity, Contact, Fracture};
+    use super::interface::{Absorber, JunctionTable, MediatorTable};
+    use super::model::{CnemTable, FemTable, Notch, OwnStepTable};
+    use super::probe::Probe;
+    use super::sweep::{Axis, Measure, NamedRun, Window};
+    use super::{Output, Static, Time};
+
+    /// `Default` must give what a scene gives that leaves all keys of a table out.
+    #[test]
+    fn default_equals_an_empty_table() {
+        macro_rules! check {
+            ($($kind:ty),*) => {$(
+                let empty: $kind = toml::from_str("").unwrap();
+                assert_eq!(format!("{empty:?}"), format!("{:?}", <$kind>::default()), stringify!($kind));
+            )*};
+        }
+        check!(
+            Absorber,
+            Axis,
+            BulkViscosity,
+            CnemTable,
+            Contact,
+            FemTable,
+            Fracture,
+            Initial,
+            JunctionTable
+        );
+        check!(
+            Measure,
+            MediatorTable,
+            Motion,
+            NamedRun,
+            Notch,
+            Output,
+            OwnStepTable,
+            Probe,
+            Static,
+            Time,
+            Window
+        );
+    }
+}

@@ -40,6 +40,20 @@ pub struct Static {
     pub ramp: usize,
 }
 
+impl Default for Static {
+    fn default() -> Self {
+        Self {
+            times: None,
+            file: None,
+            steps: None,
+            end: one_second(),
+            tolerance: tolerance(),
+            iterations: iterations(),
+            ramp: ramp(),
+        }
+    }
+}
+
 fn one_second() -> f64 {
     1.0
 }

@@ -126,7 +126,7 @@ impl Cost {
 }
 
 /// `[axis.NAME]`: values put into assignments, or named levels.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("values levels"))]
 #[schemars(extend("dependencies" = { "values": ["set"] }))]
@@ -168,7 +168,7 @@ pub enum Mark {
 }
 
 /// `[run.NAME]`: a run, or one per value, besides those along the axes.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedRun {
     /// Scene; by default the base scene with its assignments.
@@ -283,6 +283,17 @@ pub struct Measure {
     /// Unit of the product.
     #[serde(default)]
     pub unit: String,
+}
+
+impl Default for Measure {
+    fn default() -> Self {
+        Self {
+            pointer: None,
+            fact: None,
+            factor: unit_factor(),
+            unit: String::new(),
+        }
+    }
 }
 
 fn unit_factor() -> f64 {
