@@ -196,7 +196,11 @@ impl Links<f64> for DemModel {
         let mut batch = Vec::with_capacity(BATCH.min(pairs.len()));
         for first in (0..pairs.len()).step_by(BATCH) {
             let bonds = first..pairs.len().min(first + BATCH);
-            bonds.clone().into_par_iter().map(carried).collect_into_vec(&mut batch);
+            bonds
+                .clone()
+                .into_par_iter()
+                .map(carried)
+                .collect_into_vec(&mut batch);
             // Bond after bond on one thread: the order of the sums is that of the bonds.
             for (values, pair) in batch.iter().zip(&pairs[bonds]) {
                 out.axial.push(values.axial);

@@ -65,9 +65,8 @@ pub(super) fn at_points(
 
 /// Reads all bonds of a model once, if it has bonds and a field needs them. Collective.
 pub(super) fn survey(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Option<LinkSurvey<f64>>> {
-    let needs = |f: &OutputField| {
-        width(*f) > 0 || matches!(f, OutputField::EnergyDensity | OutputField::BondForces)
-    };
+    let needs =
+        |f: &OutputField| width(*f) > 0 || matches!(f, OutputField::EnergyDensity | OutputField::BondForces);
     let links = s.model().views().links.filter(|_| fields.iter().any(needs));
     let read = links.map(|l| l.survey(&s.state().q)).transpose();
     read.map_err(core(format!("output.fields of model '{}'", s.model().name())))
@@ -244,6 +243,8 @@ pub(super) fn bonds(
             *column = (c < 2 || !lacks).then(|| rows.iter().map(|x| x[c]).collect());
         }
     }
-    let known = columns.into_iter().filter_map(|(name, column)| column.map(|c| Array::scalar(name, c)));
+    let known = columns
+        .into_iter()
+        .filter_map(|(name, column)| column.map(|c| Array::scalar(name, c)));
     Ok(known.collect())
 }

@@ -49,10 +49,12 @@ pub(crate) fn put_with(
     path: &Path,
     write_parts: impl FnOnce(&mut File) -> std::io::Result<()>,
 ) -> Result<()> {
-    File::create(path).and_then(|mut f| write_parts(&mut f)).map_err(|e| {
-        let _ = std::fs::remove_file(path);
-        write(path)(e)
-    })
+    File::create(path)
+        .and_then(|mut f| write_parts(&mut f))
+        .map_err(|e| {
+            let _ = std::fs::remove_file(path);
+            write(path)(e)
+        })
 }
 
 /// Returns a value as indented JSON; `what` names the task in an error.

@@ -126,7 +126,10 @@ impl Painter {
                 })),
                 (OutputField::EnergyDensity, Some(centres)) => {
                     let densities = centres.iter().map(|cell| density(cell, &seen.q, count));
-                    cells.push(Array::scalar(fields::ENERGY_DENSITY, densities.collect::<Vec<f64>>()));
+                    cells.push(Array::scalar(
+                        fields::ENERGY_DENSITY,
+                        densities.collect::<Vec<f64>>(),
+                    ));
                 }
                 _ => {}
             }

@@ -146,7 +146,9 @@ impl Writer for Vtu {
         put_with(path, |file| {
             file.write_all(head.as_bytes())?;
             let mut block = Vec::new();
-            a.arrays.into_iter().try_for_each(|write| write(file, &mut block))?;
+            a.arrays
+                .into_iter()
+                .try_for_each(|write| write(file, &mut block))?;
             file.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
         })
     }
