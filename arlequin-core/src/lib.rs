@@ -125,7 +125,7 @@ pub use overlap::{CellPlace, Overlap, Place, Primitive, Region, Shell, Slab};
 pub use owned::{Owned, add_products};
 pub use participant::{Outline, Participant};
 pub use profile::{CompatibleProfile, CustomProfile, Profile, ProfileKind};
-pub use recovery::{LinkForce, Links, Patches, Recovered, Recovery, SymmetricTensor};
+pub use recovery::{LinkSurvey, Links, Patches, Recovered, Recovery, SymmetricTensor};
 pub use scalar::{Real, check_finite};
 pub use subdomain::{OwnStep, PrescribedMotion, Resultant, Subdomain};
 pub use time::{Formula, TimeFunction};

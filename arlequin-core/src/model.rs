@@ -198,6 +198,12 @@ pub trait Model<T: Real>: Send {
     /// rotations is taken at the rotations of the last [`Model::advance`].
     fn internal_energy(&self, q: &[T]) -> T;
 
+    /// Returns [`Model::internal_energy`] up to round-off, and keeps the reached state. A model whose forces
+    /// are computed faster than its energy overrides it: the ledger calls it at every draw.
+    fn energy_from_forces(&mut self, q: &[T]) -> T {
+        self.internal_energy(q)
+    }
+
     /// Largest stable step of velocity Verlet \[s\] for the given inverse inertia (0 for prescribed
     /// unknowns). The default computes `2/ω_max` by Lanczos iterations and holds for a linear law; a
     /// nonlinear model overrides it.

@@ -80,15 +80,21 @@ pub trait Recovery<T: Real> {
     fn recover(&self, q: &[T], nodes: &[usize], out: &mut Vec<Recovered<T>>) -> Result<()>;
 }
 
-/// Forces in a bond between two nodes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinkForce<T> {
-    /// Force along the bond, tension positive \[N\].
-    pub axial: T,
-    /// Force across the bond \[N\], never negative.
-    pub shear: T,
-    /// Load over strength \[–\], at one of which the bond breaks; `None` if the strength is not known.
-    pub utilisation: Option<T>,
+/// Everything that the bonds of a model carry in one state, without weights; broken bonds carry nothing.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LinkSurvey<T> {
+    /// Stress at every node, as [`Recovery::recover`] returns it.
+    pub stresses: Vec<SymmetricTensor<T>>,
+    /// Strain energy density of every node \[J/m³\]: the energy of its bonds, each shared between its two
+    /// nodes, over the volume that the node stands for. Where no weight is below one, the sum over all nodes
+    /// times their volumes is the strain energy of the model.
+    pub densities: Vec<T>,
+    /// Force along every bond, tension positive \[N\].
+    pub axial: Vec<T>,
+    /// Force across every bond \[N\], never negative.
+    pub shear: Vec<T>,
+    /// Load over strength of every bond \[–\], at one of which it breaks; `None` if the strength is not known.
+    pub utilisation: Option<Vec<T>>,
 }
 
 /// A model whose nodes are joined by bonds.
@@ -96,21 +102,12 @@ pub trait Links<T: Real> {
     /// Nodes of every bond.
     fn pairs(&self) -> &[[u32; 2]];
 
-    /// Appends the forces in the bonds at displacements `q` to `out`, without weights, in the order of
-    /// [`Links::pairs`]; zero in broken bonds.
+    /// Reads all bonds at displacements `q`, in the order of [`Links::pairs`]: one pass for everything that a
+    /// frame shows.
     ///
     /// # Errors
     /// Displacements of another length.
-    fn forces(&self, q: &[T], out: &mut Vec<LinkForce<T>>) -> Result<()>;
-
-    /// Appends the strain energy density of every node \[J/m³\] at displacements `q` to `out`, without
-    /// weights. It is the energy of the node's bonds, each shared between its two nodes, over the volume that
-    /// the node stands for; broken bonds hold none. Where no weight is below one, the sum over all nodes
-    /// times their volumes is the strain energy of the model.
-    ///
-    /// # Errors
-    /// Displacements of another length.
-    fn energy_densities(&self, q: &[T], out: &mut Vec<T>) -> Result<()>;
+    fn survey(&self, q: &[T]) -> Result<LinkSurvey<T>>;
 }
 
 /// Farthest position of a node outside of its samples along one of their principal directions, over the root

@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 use std::sync::Arc;
 
 /// A model at one time: arrays over its points, arrays over its cells.
-type State = [Vec<Array>; 2];
+type State = [Vec<Array<'static>>; 2];
 
 /// Frames of a run that are kept in memory.
 pub(crate) struct KeptFrames {
@@ -88,7 +88,8 @@ impl KeptFrames {
     fn take(&mut self, run: &Coupled<f64>) -> arlequin_scene::Result<()> {
         let mut state = Vec::with_capacity(self.names.len());
         while let Some(p) = self.painter.picture(run, state.len())? {
-            state.push([p.points, p.cells]);
+            let own = |list: Vec<Array<'_>>| list.into_iter().map(Array::into_owned).collect();
+            state.push([own(p.points), own(p.cells)]);
         }
         self.times.push(run.time());
         self.states.push(state);
@@ -108,8 +109,8 @@ pub(crate) fn fields<'py>(py: Python<'py>, kept: &KeptFrames, frame: usize) -> P
             let by_name = PyDict::new(py);
             for a in arrays {
                 match a.components {
-                    1 => by_name.set_item(&a.name, array(py, a.values.clone()))?,
-                    n => by_name.set_item(&a.name, rows(py, a.values.clone(), n)?)?,
+                    1 => by_name.set_item(&a.name, array(py, a.values.to_vec()))?,
+                    n => by_name.set_item(&a.name, rows(py, a.values.to_vec(), n)?)?,
                 }
             }
             model.set_item(part, by_name)?;

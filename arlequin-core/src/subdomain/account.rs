@@ -62,7 +62,7 @@ impl<T: Real> Subdomain<T> {
             Stepper::External(_) => return [self.external_invariant(), T::zero()],
         }
         let [q_before, force_before] = self.forces.before();
-        let energy = |q: &[T]| self.model.internal_energy(q);
+        let mut energy = |q: &[T]| self.model.energy_from_forces(q);
         let before = self.energies.before.unwrap_or_else(|| energy(q_before));
         let now = self.energies.now.unwrap_or_else(|| energy(&self.state.q));
         let potential = T::of(0.5) * (before + now);

@@ -21,7 +21,7 @@ impl<T: Real> Subdomain<T> {
         }
         // Only the ledger needs the energy before the step.
         let before = match self.energies.now {
-            None if keep => Some(self.model.internal_energy(&self.state.q)),
+            None if keep => Some(self.model.energy_from_forces(&self.state.q)),
             known => known,
         };
         // Three arrays of the size of the state, which nothing reads as long as the model makes its steps.

@@ -194,6 +194,16 @@ impl Listed {
         self.relist(&parts);
     }
 
+    /// Makes space for `more` pairs, and for some beyond: doubled lists would be the largest of a contact.
+    fn reserve(&mut self, more: usize) {
+        let len = self.pairs.len() + more;
+        if len > self.pairs.capacity().min(self.springs.capacity()) {
+            let space = more + len / 16;
+            self.pairs.reserve_exact(space);
+            self.springs.reserve_exact(space);
+        }
+    }
+
     /// Replaces the list; closed contacts keep their springs.
     fn relist(&mut self, parts: &[Vec<Candidate>]) {
         // Open springs hold nothing that must be kept.
@@ -201,8 +211,9 @@ impl Listed {
         let mut old: Vec<(Candidate, Spring)> = contacts.filter(|(_, s)| s.closed).collect();
         old.sort_unstable_by_key(|(c, _)| c.ends);
         self.pairs.clear();
-        parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
         self.springs.clear();
+        self.reserve(parts.iter().map(Vec::len).sum());
+        parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
         self.springs.resize(self.pairs.len(), Spring::default());
         for (c, s) in old {
             // The parts come in ascending order, so the new list is sorted.
@@ -315,6 +326,7 @@ impl PairList {
     pub(crate) fn add_broken(&mut self, event: &Break, rest_spheres: &[Sphere]) {
         self.broken_at[event.bond as usize] = event.distance;
         let [a, b] = event.pair.map(|i| &rest_spheres[i as usize]);
+        self.listed.reserve(1);
         self.listed.pairs.push(Candidate {
             ends: event.pair,
             rest_distance: rest_distance_of(a, b).min(event.distance),

@@ -237,6 +237,28 @@ impl Finish for Sink<'_> {
     }
 }
 
+/// Takes the forces of a number of blocks and drops them, for a pass that wants their energy alone.
+#[derive(Debug)]
+pub(crate) struct Discard(pub(crate) usize);
+
+impl Cut for Discard {
+    fn blocks(&self) -> usize {
+        self.0
+    }
+
+    fn cut(self, blocks: usize) -> (Self, Self) {
+        (Self(blocks), Self(self.0 - blocks))
+    }
+}
+
+impl Finish for Discard {
+    #[inline(always)]
+    fn fetch<L: Lanes>(&self, _: L, _: usize) {}
+
+    #[inline(always)]
+    fn take<L: Lanes>(&mut self, _: L, _: usize, _: [L::V; 6]) {}
+}
+
 impl<W: Screened> Pass<'_, W> {
     /// Computes the forces of a part in units of [`CHUNK`] blocks.
     ///

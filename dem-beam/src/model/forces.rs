@@ -3,7 +3,7 @@
 
 use crate::bond::BeamRigidity;
 use crate::kernel::engine::{
-    CHUNK, Cut, Finish, Isa, Marks, Part, Pass, Posed, Sink, Sums, cut_unknowns, in_parts,
+    CHUNK, Cut, Discard, Finish, Isa, Marks, Part, Pass, Posed, Sink, Sums, cut_unknowns, in_parts,
 };
 use crate::kernel::lanes::{CacheLine, LANES};
 use crate::kernel::law::{Finite, Linear};
@@ -113,6 +113,8 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     ) -> RankResult<f64>;
     /// Adds forces and torques at `q` and keeps the reached state.
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()>;
+    /// Returns the elastic energy at `q` \[J\] and keeps the reached state.
+    fn energy(&mut self, q: &[f64]) -> RankResult<f64>;
     /// Does one step of velocity Verlet.
     fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>>;
     /// Returns the orientations reached last under the finite-rotation law, `None` under the small one.
@@ -224,16 +226,30 @@ impl<W: Screened> Gather<W> {
         }
     }
 
+    /// Evaluates something and keeps the reached state, on which orientations depend.
+    fn try_out<R>(&mut self, evaluate: impl FnOnce(&mut Self) -> R) -> R {
+        if !W::TURNS {
+            return evaluate(self);
+        }
+        self.tried.copy_from_slice(&self.rows);
+        self.tried_at.copy_from_slice(&self.reached);
+        // Evaluates on the copy, then swaps the reached state back.
+        self.swap();
+        let result = evaluate(self);
+        self.swap();
+        result
+    }
+
     fn swap(&mut self) {
         std::mem::swap(&mut self.rows, &mut self.tried);
         std::mem::swap(&mut self.reached, &mut self.tried_at);
     }
 
     /// Writes the rows for `q`, then computes the forces there.
-    fn passes(
+    fn passes<F: Finish>(
         &mut self,
         q: &[f64],
-        sink: Sink<'_>,
+        finish: F,
         marks: Option<Marks<'_>>,
         energy: bool,
     ) -> RankResult<()> {
@@ -247,7 +263,7 @@ impl<W: Screened> Gather<W> {
         in_parts(placing, parallel, &|p| {
             W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
         });
-        self.gather(sink, marks, energy)
+        self.gather(finish, marks, energy)
     }
 
     /// Receives the rows of the ghosts and computes the forces at all rows, and energy sums if `sums` is set.
@@ -376,17 +392,19 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
     }
 
     fn add(&mut self, q: &[f64], f: &mut [f64], marks: Option<Marks<'_>>) -> RankResult<()> {
-        if W::TURNS {
-            // Orientations depend on the reached state: evaluate on a copy, then swap the reached state back.
-            self.tried.copy_from_slice(&self.rows);
-            self.tried_at.copy_from_slice(&self.reached);
-            self.swap();
-            let result = self.advance(q, f, marks, false);
-            self.swap();
-            result.map(|_| ())
-        } else {
-            self.advance(q, f, marks, false).map(|_| ())
-        }
+        self.try_out(|kernel| kernel.advance(q, f, marks, false).map(|_| ()))
+    }
+
+    fn energy(&mut self, q: &[f64]) -> RankResult<f64> {
+        let blocks = Discard(self.layout.particles().div_ceil(LANES));
+        self.try_out(|kernel| {
+            if kernel.parallel() {
+                rayon::scope(|_| kernel.passes(q, blocks, None, true))?;
+            } else {
+                kernel.passes(q, blocks, None, true)?;
+            }
+            Ok(kernel.total()[0])
+        })
     }
 
     fn stride(&mut self, step: Stride<'_, f64>) -> RankResult<Option<Drawn<f64>>> {

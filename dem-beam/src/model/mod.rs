@@ -44,7 +44,6 @@ use crate::kernel::order::block_order;
 use crate::numbered::Numbered;
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
-use arlequin_core::adjacency::Adjacency;
 use arlequin_core::effect::Finding;
 use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
@@ -58,7 +57,7 @@ use lazy::Kernel;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Spheres joined by cohesive beams, a model that can be coupled.
 #[derive(Debug)]
@@ -80,8 +79,6 @@ pub struct DemModel {
     /// Strengths that [`Watching::watch`] compares in a run without fracture; nothing breaks.
     watched: Option<FractureState>,
     log: SharedLog,
-    /// Bonds of every particle, built when stresses are first asked for.
-    bonds_by_particle: OnceLock<Adjacency<[u32; 2]>>,
     /// Range of the bonds of each unit; a bond belongs to the unit of its first particle.
     unit_bonds: Vec<Range<usize>>,
     /// In a rank's part of a partitioned body: the ghosts, and the numbers of the bonds in the whole body.
@@ -197,7 +194,6 @@ impl DemModel {
             fracture: None,
             watched: None,
             log: SharedLog::default(),
-            bonds_by_particle: OnceLock::new(),
             unit_bonds: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
             numbered: None,
@@ -388,6 +384,12 @@ impl Model<f64> for DemModel {
     /// Returns the sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         self.energy(q)
+    }
+
+    fn energy_from_forces(&mut self, q: &[f64]) -> f64 {
+        let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
+        // The run reports an error between ranks ([`arlequin_core::Owned::check_communication`]).
+        kernel.energy(q).unwrap_or(f64::NAN)
     }
 
     /// Returns `2/omega_max` \[s\] by Lanczos about the reference configuration, from the largest Ritz value

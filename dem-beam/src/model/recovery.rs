@@ -25,42 +25,68 @@ use super::poses::Reader;
 use crate::finite;
 use crate::fracture::state::FractureState;
 use crate::fracture::{BreakLog, locked};
-use arlequin_core::adjacency::Adjacency;
 use arlequin_core::{
-    Interpolation, LinkForce, Links, Recovered, Recovery, Result, SymmetricTensor, check_size, invalid,
+    Interpolation, LinkSurvey, Links, Recovered, Recovery, Result, SymmetricTensor, check_size, invalid,
 };
-use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
+/// Bonds whose values wait at a time for their sums over particles.
+const BATCH: usize = 1 << 14;
+
+/// What a bond carries without its weight.
+#[derive(Debug)]
+struct Carried {
+    /// Vector between the centres \[m\] ⊗ force on the first particle \[N\], symmetric part.
+    moment: SymmetricTensor<f64>,
+    axial: f64,
+    shear: f64,
+    energy: f64,
+}
+
+impl Carried {
+    const NOTHING: Self = Self {
+        moment: SymmetricTensor([0.0; 6]),
+        axial: 0.0,
+        shear: 0.0,
+        energy: 0.0,
+    };
+}
+
 impl DemModel {
-    /// Returns the unweighted force of bond `b` on its first particle and, before it, the vector between the
-    /// centres: deformed under finite rotations, at rest under small ones.
-    fn carried(&self, b: usize, reader: &Reader<'_>) -> [Vector3<f64>; 2] {
+    /// Returns what bond `b` carries. Vectors between centres are deformed ones under finite rotations, those
+    /// at rest under small ones.
+    fn carried(&self, b: usize, reader: &Reader<'_>) -> Carried {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bond(b);
-        bond.scale = 1.0 / bond.axis.norm();
-        let span = bond.span();
-        match reader.poses([i, j]) {
-            Some([first, second]) => {
-                let force = finite::wrenches(&bond, &reader.rigidity, &first, &second)
-                    .0
-                    .linear;
-                [span + second.displacement - first.displacement, force]
-            }
-            None => {
-                let ends = [reader.twist(i), reader.twist(j)];
-                [span, bond.wrenches(&reader.rigidity, &ends[0], &ends[1]).0.linear]
-            }
-        }
-    }
-
-    /// Returns the energy of bond `b` without its weight \[J\].
-    fn unweighted_energy(&self, b: usize, reader: &Reader<'_>) -> f64 {
         match self.body.weights()[b] {
-            // Divides the energy that the ledger counts, so that both numbers are equal where the weight is
-            // one.
-            weight if weight > 0.0 => reader.energy(&self.body, b) / weight,
-            _ => 0.0,
+            // Divides the stiffness that the ledger counts, so that its rounding is the same.
+            weight if weight > 0.0 => bond.scale /= weight,
+            _ => bond.scale = 1.0 / bond.axis.norm(),
+        }
+        let rest_span = bond.span();
+        let rigidity = &reader.rigidity;
+        let (span, force, energy) = match reader.poses([i, j]) {
+            Some([first, second]) => (
+                rest_span + second.displacement - first.displacement,
+                finite::wrenches(&bond, rigidity, &first, &second).0.linear,
+                finite::energy(&bond, rigidity, &first, &second),
+            ),
+            None => {
+                let [first, second] = [reader.twist(i), reader.twist(j)];
+                (
+                    rest_span,
+                    bond.wrenches(rigidity, &first, &second).0.linear,
+                    bond.energy(rigidity, &first, &second),
+                )
+            }
+        };
+        let along = span.try_normalize(0.0).unwrap_or_default();
+        let axial = along.dot(&force);
+        Carried {
+            moment: SymmetricTensor::from_matrix(&(span * force.transpose())),
+            axial,
+            shear: (force - along * axial).norm(),
+            energy,
         }
     }
 
@@ -81,12 +107,6 @@ impl DemModel {
         }
         out
     }
-
-    /// Returns the bonds of every particle, broken ones included.
-    fn bonds_of_particles(&self) -> &Adjacency<[u32; 2]> {
-        self.bonds_by_particle
-            .get_or_init(|| Adjacency::of_pairs(self.body.len(), self.body.pairs()))
-    }
 }
 
 impl Recovery<f64> for DemModel {
@@ -105,7 +125,8 @@ impl Recovery<f64> for DemModel {
             let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
             return Err(invalid("number of a particle", k, &rule));
         }
-        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        // The order of its rows is that of the bonds, so that the sums have the bits of those in frames.
+        let (adjacency, radii, log) = (self.body.adjacency(), self.body.radii(), locked(&self.log));
         let volumes = self.field.samples().unwrap_or_default();
         let ghosts = self.receive_ghosts(q);
         let reader = Reader {
@@ -114,15 +135,15 @@ impl Recovery<f64> for DemModel {
         };
         let broken: &BreakLog = &log;
         let recovered = |&i: &usize| {
-            let mut sum = Matrix3::zeros();
+            let mut sum = [0.0; 6];
             let bonds = adjacency.row(i).iter();
             for &[j, b] in bonds.filter(|e| !broken.is_broken_here(e[1] as usize)) {
-                let [span, force] = self.carried(b as usize, &reader);
+                let carried = self.carried(b as usize, &reader);
                 // Seen from the second particle, span and force both change sign, so their product holds for
                 // either end.
-                sum += span * force.transpose() * (radii[i] / (radii[i] + radii[j as usize]));
+                add_share(&mut sum, &carried, radii[i] / (radii[i] + radii[j as usize]));
             }
-            let stress = SymmetricTensor::from_matrix(&(sum / volumes[i].measure));
+            let stress = SymmetricTensor(sum.map(|s| s / volumes[i].measure));
             Recovered { strain: None, stress }
         };
         out.par_extend(nodes.par_iter().map(recovered));
@@ -135,63 +156,75 @@ impl Links<f64> for DemModel {
         self.body.pairs()
     }
 
-    /// Collective for a partitioned body; returns the bonds of this rank's part, numbered as in
-    /// [`Self::body`].
-    fn forces(&self, q: &[f64], out: &mut Vec<LinkForce<f64>>) -> Result<()> {
+    /// Collective for a partitioned body; returns the values of this rank's owned particles, and of the bonds
+    /// of its part, numbered as in [`Self::body`].
+    fn survey(&self, q: &[f64]) -> Result<LinkSurvey<f64>> {
         check_size(self, "displacements", q.len())?;
-        let (log, ghosts) = (locked(&self.log), self.receive_ghosts(q));
+        let (radii, log, ghosts) = (self.body.radii(), locked(&self.log), self.receive_ghosts(q));
         let reader = Reader {
             ghosts: &ghosts,
             ..self.reader(q)
         };
+        let (pairs, owned) = (self.body.pairs(), self.nodes.len());
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
-        let link_force = |b: usize| {
-            let gone = broken.is_broken_here(b);
-            // A bond breaks with the particle of the larger load.
-            let of_ends = || self.body.pairs()[b].map(|i| loads.get(i as usize).copied());
-            let utilisation = strength.map(|f| match (gone, of_ends()) {
-                (true, _) => 0.0,
-                (_, [Some(i), Some(j)]) => i.max(j),
+        let utilisation = |f: &FractureState, b: usize| {
+            if broken.is_broken_here(b) {
+                return 0.0;
+            }
+            match pairs[b].map(|i| loads.get(i as usize).copied()) {
+                // A bond breaks with the particle of the larger load.
+                [Some(i), Some(j)] => i.max(j),
                 _ => f.ratio(&self.body, &reader, b),
-            });
-            let [span, force] = if gone {
-                [Vector3::zeros(); 2]
-            } else {
-                self.carried(b, &reader)
-            };
-            let along = span.try_normalize(0.0).unwrap_or_default();
-            let axial = along.dot(&force);
-            LinkForce {
-                axial,
-                shear: (force - along * axial).norm(),
-                utilisation,
             }
         };
-        out.par_extend((0..self.body.pairs().len()).into_par_iter().map(link_force));
-        Ok(())
-    }
-
-    /// Collective for a partitioned body; returns the densities of this rank's owned particles.
-    fn energy_densities(&self, q: &[f64], out: &mut Vec<f64>) -> Result<()> {
-        check_size(self, "displacements", q.len())?;
-        let (adjacency, radii, log) = (self.bonds_of_particles(), self.body.radii(), locked(&self.log));
+        let carried = |b: usize| match broken.is_broken_here(b) {
+            true => Carried::NOTHING,
+            false => self.carried(b, &reader),
+        };
+        let mut out = LinkSurvey {
+            stresses: vec![SymmetricTensor::zero(); owned],
+            densities: vec![0.0; owned],
+            axial: Vec::with_capacity(pairs.len()),
+            shear: Vec::with_capacity(pairs.len()),
+            utilisation: strength.map(|f| {
+                let bonds = (0..pairs.len()).into_par_iter();
+                bonds.map(|b| utilisation(f, b)).collect()
+            }),
+        };
+        let mut batch = Vec::with_capacity(BATCH.min(pairs.len()));
+        for first in (0..pairs.len()).step_by(BATCH) {
+            let bonds = first..pairs.len().min(first + BATCH);
+            bonds
+                .clone()
+                .into_par_iter()
+                .map(carried)
+                .collect_into_vec(&mut batch);
+            // Bond after bond on one thread: the order of the sums is that of the bonds.
+            for (values, pair) in batch.iter().zip(&pairs[bonds]) {
+                out.axial.push(values.axial);
+                out.shear.push(values.shear);
+                let [i, j] = pair.map(|i| i as usize);
+                for (k, other) in [(i, j), (j, i)].into_iter().filter(|e| e.0 < owned) {
+                    let share = radii[k] / (radii[k] + radii[other]);
+                    add_share(&mut out.stresses[k].0, values, share);
+                    out.densities[k] += values.energy * share;
+                }
+            }
+        }
         let volumes = self.field.samples().unwrap_or_default();
-        let ghosts = self.receive_ghosts(q);
-        let reader = Reader {
-            ghosts: &ghosts,
-            ..self.reader(q)
-        };
-        let broken: &BreakLog = &log;
-        let density = |i: usize| {
-            let bonds = adjacency.row(i).iter().map(|e| e.map(|k| k as usize));
-            let unbroken = bonds.filter(|[_, b]| !broken.is_broken_here(*b));
-            let share =
-                unbroken.map(|[j, b]| self.unweighted_energy(b, &reader) * radii[i] / (radii[i] + radii[j]));
-            share.sum::<f64>() / volumes[i].measure
-        };
-        out.par_extend((0..self.nodes.len()).into_par_iter().map(density));
-        Ok(())
+        for ((stress, density), volume) in out.stresses.iter_mut().zip(&mut out.densities).zip(volumes) {
+            stress.0.iter_mut().for_each(|s| *s /= volume.measure);
+            *density /= volume.measure;
+        }
+        Ok(out)
     }
+}
+
+/// Adds a particle's share of the moment of a bond.
+fn add_share(sum: &mut [f64; 6], carried: &Carried, share: f64) {
+    sum.iter_mut()
+        .zip(carried.moment.0)
+        .for_each(|(sum, m)| *sum += m * share);
 }

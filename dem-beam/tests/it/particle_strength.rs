@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may")]
 
 use arlequin_core::{
-    Coupled, Evolution, LinkForce, Model, Recovered, Silent, State, Subdomain, TimeStep, Watching, Weights,
+    Coupled, Evolution, Model, Recovered, Silent, State, Subdomain, TimeStep, Watching, Weights,
 };
 use dem_beam::fracture::locked;
 use dem_beam::packing::{Lattice, lattice};
@@ -107,20 +107,20 @@ fn the_load_is_the_trace_of_the_stress_of_the_particles() {
         let mut q = displaced(&model, |x| [2e-4 * x.x, 1e-4 * x.y, 0.0]);
         (0..6 * n).for_each(|i| q[i] += noise(i) * if i < 3 * n { 3e-8 } else { 1e-3 });
         let (views, nodes) = (model.views(), (0..n).collect::<Vec<usize>>());
-        let (mut stresses, mut bonds): (Vec<Recovered<f64>>, Vec<LinkForce<f64>>) = Default::default();
+        let mut stresses: Vec<Recovered<f64>> = Vec::new();
         views
             .recovery
             .unwrap()
             .recover(&q, &nodes, &mut stresses)
             .unwrap();
-        views.links.unwrap().forces(&q, &mut bonds).unwrap();
+        let used = views.links.unwrap().survey(&q).unwrap().utilisation.unwrap();
         let load = |i: u32| {
             let [xx, yy, zz, ..] = stresses[i as usize].stress.0;
             (xx + yy + zz) / (3.0 * strength)
         };
-        for (bond, pair) in bonds.iter().zip(views.links.unwrap().pairs()) {
+        for (used, pair) in used.iter().zip(views.links.unwrap().pairs()) {
             let [i, j] = pair.map(load);
-            let apart = bond.utilisation.unwrap() - i.max(j);
+            let apart = used - i.max(j);
             // Stiffnesses are rounded to 24 bits in the stresses.
             assert!(apart.abs() < 1e-5, "{finite}: {apart:e}");
         }

@@ -1,7 +1,7 @@
 //! Stress of particles and forces of bonds.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use arlequin_core::{LinkForce, Model, Recovered, SymmetricTensor, Weight};
+use arlequin_core::{LinkSurvey, Model, Recovered, SymmetricTensor, Weight};
 use dem_beam::fracture::{Criterion, Fracture};
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Container, DemModel, PackingSpec};
@@ -77,7 +77,10 @@ fn mean_stress_is_that_of_the_forces_that_hold_the_body() {
                 assert!((s - h).abs() < 3e-7 * size, "{finite}: {s:e}, {h:e}");
             }
         };
-        check(&stresses(&model, &q));
+        let recovered = stresses(&model, &q);
+        check(&recovered);
+        // Frames and probes show the same bits.
+        assert!(recovered.iter().map(|r| r.stress).eq(survey(&model, &q).stresses));
         if !finite {
             // The law has weights now, the stresses do not.
             model.set_internal_weight(&Falling).unwrap();
@@ -102,19 +105,19 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
         q
     };
     let (half, twice) = (stretch(1e-4), stretch(4e-4));
-    let mut bonds: Vec<LinkForce<f64>> = Vec::new();
-    model.views().links.unwrap().forces(&half, &mut bonds).unwrap();
+    let survey = survey(&model, &half);
+    let used = survey.utilisation.unwrap();
     let section = std::f64::consts::PI * (0.71 * 0.5e-3_f64).powi(2);
     let pull = 265e9 * section * 1e-4;
-    for (b, [i, j]) in bonds.iter().zip(model.views().links.unwrap().pairs()) {
+    for (b, [i, j]) in model.views().links.unwrap().pairs().iter().enumerate() {
         let d = model.nodes()[*j as usize] - model.nodes()[*i as usize];
         let along = f64::from(u8::from(d.x.abs() > 0.5e-3));
-        let measured = (b.axial / pull, b.shear / pull);
+        let measured = (survey.axial[b] / pull, survey.shear[b] / pull);
         assert!(
             (measured.0 - along).abs() < 1e-6 && measured.1 < 1e-6,
             "{measured:?}, along x: {along}"
         );
-        assert!((b.utilisation.unwrap() - 0.5 * along).abs() < 1e-7);
+        assert!((used[b] - 0.5 * along).abs() < 1e-7);
     }
     // One bond per section of a cell, on either side of an inner particle.
     let inner = (0..n)
@@ -137,10 +140,9 @@ fn a_stretched_lattice_carries_tension_along_its_bonds_and_none_once_they_are_br
         f: &mut f,
     };
     model.evolving().unwrap().evolve(step).unwrap();
-    bonds.clear();
-    model.views().links.unwrap().forces(&twice, &mut bonds).unwrap();
+    let axial = self::survey(&model, &twice).axial;
     assert!(
-        bonds.iter().all(|b| b.axial.abs() < 1e-7 * pull),
+        axial.iter().all(|axial| axial.abs() < 1e-7 * pull),
         "those along x are gone"
     );
     assert!(stresses(&model, &twice)[inner].stress.von_mises() < 1e-7 * measured.0[0]);
@@ -195,15 +197,12 @@ fn of_the_energy_of_a_bond_the_larger_sphere_has_the_larger_share() {
     assert!((share / wanted - 1.0).abs() < 1e-6, "{share} for {wanted}");
 }
 
+fn survey(model: &DemModel, q: &[f64]) -> LinkSurvey<f64> {
+    model.views().links.unwrap().survey(q).unwrap()
+}
+
 fn densities(model: &DemModel, q: &[f64]) -> Vec<f64> {
-    let mut out = Vec::new();
-    model
-        .views()
-        .links
-        .unwrap()
-        .energy_densities(q, &mut out)
-        .unwrap();
-    out
+    survey(model, q).densities
 }
 
 /// Returns the sum of the densities over the volumes of the particles, each times a factor of its place

@@ -4,7 +4,8 @@ use super::pieces::Piece;
 use super::writer::Array;
 use crate::error::{Result, core};
 use crate::spec::OutputField;
-use arlequin::core::{Coupled, Owned, Recovered, Subdomain, SymmetricTensor};
+use arlequin::core::{Coupled, LinkSurvey, Owned, Subdomain, SymmetricTensor};
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Components of a symmetric tensor as viewers of VTU files name them: xx, yy, zz, xy, yz, xz.
@@ -62,50 +63,69 @@ pub(super) fn at_points(
     Ok(gathered.map(Cow::into_owned).unwrap_or_default())
 }
 
+/// Reads all bonds of a model once, if it has bonds and a field needs them. Collective.
+pub(super) fn survey(fields: &[OutputField], s: &Subdomain<f64>) -> Result<Option<LinkSurvey<f64>>> {
+    let needs =
+        |f: &OutputField| width(*f) > 0 || matches!(f, OutputField::EnergyDensity | OutputField::BondForces);
+    let links = s.model().views().links.filter(|_| fields.iter().any(needs));
+    let read = links.map(|l| l.survey(&s.state().q)).transpose();
+    read.map_err(core(format!("output.fields of model '{}'", s.model().name())))
+}
+
 /// Stresses and strains at the nodes, as far as `fields` asks for them and the model has them; see
 /// [`at_points`].
 pub(super) fn recovered(
     fields: &[OutputField],
     s: &Subdomain<f64>,
+    survey: Option<&mut LinkSurvey<f64>>,
     piece: Option<&Piece>,
-) -> Result<Vec<Array>> {
+) -> Result<Vec<Array<'static>>> {
     let wanted = fields.iter().any(|f| width(*f) > 0);
     let Some(recovery) = s.model().views().recovery.filter(|_| wanted) else {
         return Ok(Vec::new());
     };
-    let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
-    let mut tensors = Vec::with_capacity(nodes.len());
-    let name = s.model().name();
-    let result = recovery.recover(&s.state().q, &nodes, &mut tensors);
-    result.map_err(core(format!("output.fields of model '{name}'")))?;
-    let array = |name: &str, components: usize, values: &dyn Fn(&Recovered<f64>, &mut Vec<f64>)| {
-        let mut numbers = Vec::with_capacity(components * tensors.len());
-        tensors.iter().for_each(|r| values(r, &mut numbers));
-        Array {
-            name: name.into(),
-            components,
-            values: numbers,
+    let (stresses, strains) = match survey {
+        Some(survey) => (std::mem::take(&mut survey.stresses), None),
+        None => {
+            let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
+            let mut tensors = Vec::with_capacity(nodes.len());
+            let result = recovery.recover(&s.state().q, &nodes, &mut tensors);
+            result.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
+            let strains: Option<Vec<_>> = tensors.iter().map(|r| r.strain).collect();
+            (tensors.into_iter().map(|r| r.stress).collect(), strains)
         }
     };
-    let strain = |r: &Recovered<f64>| r.strain.unwrap_or_else(SymmetricTensor::zero);
-    let mut out: Vec<Array> = Vec::new();
+    let mut out = Vec::new();
     for field in fields {
-        out.push(match field {
-            OutputField::Stress => array("stress [Pa]", TENSOR, &|r, v| v.extend(r.stress.0)),
-            OutputField::Strain if recovery.has_strain() => {
-                array("strain [-]", TENSOR, &|r, v| v.extend(strain(r).0))
+        let (name, values) = match field {
+            OutputField::Stress => ("stress [Pa]", flat(&stresses)),
+            OutputField::Strain => match &strains {
+                Some(strains) => ("strain [-]", flat(strains)),
+                None => continue,
+            },
+            OutputField::VonMises => (
+                "von Mises stress [Pa]",
+                stresses.par_iter().map(SymmetricTensor::von_mises).collect(),
+            ),
+            OutputField::PrincipalStress => {
+                let principal: Vec<[f64; 3]> = stresses.par_iter().map(SymmetricTensor::principal).collect();
+                ("principal stresses [Pa]", principal.into_flattened())
             }
-            OutputField::VonMises => array("von Mises stress [Pa]", 1, &|r, v| v.push(r.stress.von_mises())),
-            OutputField::PrincipalStress => array("principal stresses [Pa]", 3, &|r, v| {
-                v.extend(r.stress.principal());
-            }),
             _ => continue,
+        };
+        let components = width(*field);
+        out.push(Array {
+            name: name.into(),
+            components,
+            values: at_points(s, piece, components, values)?.into(),
         });
     }
-    for a in &mut out {
-        a.values = at_points(s, piece, a.components, std::mem::take(&mut a.values))?;
-    }
     Ok(out)
+}
+
+/// Returns the components of tensors.
+fn flat(tensors: &[SymmetricTensor<f64>]) -> Vec<f64> {
+    tensors.iter().flat_map(|t| t.0).collect()
 }
 
 /// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
@@ -118,14 +138,12 @@ pub(super) fn energy_from_bonds(fields: &[OutputField], s: &Subdomain<f64>) -> b
 pub(super) fn energy_densities(
     fields: &[OutputField],
     s: &Subdomain<f64>,
+    survey: Option<&mut LinkSurvey<f64>>,
     piece: Option<&Piece>,
-) -> Result<Option<Array>> {
-    let links = s.model().views().links.filter(|_| energy_from_bonds(fields, s));
-    let Some(links) = links else { return Ok(None) };
-    let mut densities = Vec::with_capacity(s.model().nodes().len());
-    let read = links.energy_densities(&s.state().q, &mut densities);
-    read.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
-    let values = at_points(s, piece, 1, densities)?;
+) -> Result<Option<Array<'static>>> {
+    let survey = survey.filter(|_| energy_from_bonds(fields, s));
+    let Some(survey) = survey else { return Ok(None) };
+    let values = at_points(s, piece, 1, std::mem::take(&mut survey.densities))?;
     Ok(Some(Array::scalar(ENERGY_DENSITY, values)))
 }
 
@@ -135,7 +153,7 @@ pub(super) fn contacts(
     run: &Coupled<f64>,
     model: usize,
     piece: Option<&Piece>,
-) -> Result<Option<Array>> {
+) -> Result<Option<Array<'static>>> {
     let s = &run.subdomains()[model];
     let layout = s.model().layout();
     if !fields.contains(&OutputField::ContactForces) || layout.components != 3 {
@@ -150,7 +168,7 @@ pub(super) fn contacts(
     Ok(any.then(|| Array {
         name: "contact force [N]".into(),
         components: 3,
-        values: forces,
+        values: forces.into(),
     }))
 }
 
@@ -195,46 +213,38 @@ fn gather_bonds(owned: &Owned, local_bonds: &[(usize, Carried)]) -> Result<Vec<C
 pub(super) fn bonds(
     fields: &[OutputField],
     s: &Subdomain<f64>,
+    survey: Option<LinkSurvey<f64>>,
     cells: usize,
     piece: Option<&Piece>,
-) -> Result<Vec<Array>> {
+) -> Result<Vec<Array<'static>>> {
     let wanted = fields.contains(&OutputField::BondForces);
     // A rank of a partitioned model has only some of the bonds, so that the count does not tell.
     let owned = s.owned();
-    let links = s.model().views().links;
-    let links = links.filter(|l| wanted && (owned.is_part() || l.pairs().len() == cells));
-    let Some(links) = links else { return Ok(Vec::new()) };
-    let mut forces = Vec::with_capacity(cells);
-    let result = links.forces(&s.state().q, &mut forces);
-    result.map_err(core(format!("output.fields of model '{}'", s.model().name())))?;
-    let array = |name: &str, values: Vec<f64>| Array {
-        name: name.into(),
-        components: 1,
-        values,
+    let survey = survey.filter(|l| wanted && (owned.is_part() || l.axial.len() == cells));
+    let (Some(survey), Some(links)) = (survey, s.model().views().links) else {
+        return Ok(Vec::new());
     };
-    let known = forces.iter().all(|b| b.utilisation.is_some());
-    let numbers = forces
-        .iter()
-        .map(|b| [b.axial, b.shear, b.utilisation.unwrap_or_default()]);
-    let (rows, known) = match owned.is_part() {
-        false => (numbers.collect(), known),
-        true => {
-            let local_bonds = links.pairs().iter().map(|p| p[0] as usize).zip(numbers);
-            let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < owned.nodes()).collect();
-            let rows = match piece {
-                Some(_) => local_bonds.iter().map(|b| b.1).collect(),
-                None => gather_bonds(&owned, &local_bonds)?,
-            };
-            (rows, !owned.any(!known).map_err(core("ranks"))?)
-        }
-    };
-    let part = |c: usize| rows.iter().map(|x: &Carried| x[c]).collect();
-    let mut out = vec![
-        array("axial force [N]", part(0)),
-        array("shear force [N]", part(1)),
+    let mut columns = [
+        ("axial force [N]", Some(survey.axial)),
+        ("shear force [N]", Some(survey.shear)),
+        ("utilisation [-]", survey.utilisation),
     ];
-    if known {
-        out.push(array("utilisation [-]", part(2)));
+    if owned.is_part() {
+        let lacks = owned.any(columns[2].1.is_none()).map_err(core("ranks"))?;
+        let number = |c: usize, b: usize| columns[c].1.as_ref().map_or(0.0, |x| x[b]);
+        let first_ends = links.pairs().iter().map(|p| p[0] as usize).enumerate();
+        let local_bonds = first_ends.map(|(b, i)| (i, [0, 1, 2].map(|c| number(c, b))));
+        let local_bonds: Vec<(usize, Carried)> = local_bonds.filter(|b| b.0 < owned.nodes()).collect();
+        let rows: Vec<Carried> = match piece {
+            Some(_) => local_bonds.iter().map(|b| b.1).collect(),
+            None => gather_bonds(&owned, &local_bonds)?,
+        };
+        for (c, (_, column)) in columns.iter_mut().enumerate() {
+            *column = (c < 2 || !lacks).then(|| rows.iter().map(|x| x[c]).collect());
+        }
     }
-    Ok(out)
+    let known = columns
+        .into_iter()
+        .filter_map(|(name, column)| column.map(|c| Array::scalar(name, c)));
+    Ok(known.collect())
 }

@@ -41,7 +41,7 @@ pub struct Pictures {
 }
 
 /// Stem of the files of a partitioned model, and its arrays of points and of cells without values.
-type PieceArrays = (String, [Vec<Array>; 2]);
+type PieceArrays = (String, [Vec<Array<'static>>; 2]);
 
 /// Files that a rank has written of one instant.
 #[derive(Debug)]
@@ -188,7 +188,7 @@ impl Frames {
     ///
     /// # Errors
     /// Values that are not finite; stresses that a model cannot recover.
-    pub fn picture(&self, run: &Coupled<f64>, part: usize) -> Result<Option<Picture<'_>>> {
+    pub fn picture<'a>(&'a self, run: &'a Coupled<f64>, part: usize) -> Result<Option<Picture<'a>>> {
         let (Some(painter), Some(s)) = (self.models.get(part), run.subdomains().get(part)) else {
             return Ok(None);
         };
@@ -196,13 +196,14 @@ impl Frames {
         let piece = painter.piece.as_ref();
         let Some(seen) = Seen::gather(s, piece)? else {
             // These gather collectively: other ranks must call them in the same order as `arrays` on rank 0.
-            fields::recovered(&self.fields, s, None)?;
-            fields::energy_densities(&self.fields, s, None)?;
-            fields::bonds(&self.fields, s, 0, None)?;
+            let mut survey = fields::survey(&self.fields, s)?;
+            fields::recovered(&self.fields, s, survey.as_mut(), None)?;
+            fields::energy_densities(&self.fields, s, survey.as_mut(), None)?;
+            fields::bonds(&self.fields, s, survey, 0, None)?;
             fields::contacts(&self.fields, run, part, None)?;
             return Ok(None);
         };
-        let (mut points, cells) = painter.arrays(&self.fields, s, &seen)?;
+        let (mut points, cells) = painter.arrays(&self.fields, s, seen)?;
         points.extend(fields::contacts(&self.fields, run, part, piece)?);
         Ok(Some(Picture {
             name: s.model().name().to_owned(),
@@ -282,15 +283,7 @@ impl Frames {
         to.files.push(path);
         let ending = if piece.is_some() { pieces } else { whole };
         let entry = self.entry(run, part, &p.name, format!("{name}.{ending}"));
-        let empty = |list: Vec<Array>| {
-            let arrays = list.into_iter();
-            arrays
-                .map(|a| Array {
-                    values: Vec::new(),
-                    ..a
-                })
-                .collect()
-        };
+        let empty = |list: Vec<Array<'_>>| list.into_iter().map(Array::empty).collect();
         let arrays = piece.map(|_| (name, [empty(p.points), empty(p.cells)]));
         to.models.push((entry, arrays));
     }
@@ -305,7 +298,7 @@ impl Frames {
             let lambda = Array {
                 name: "multiplier".into(),
                 components: 3,
-                values: vectors(i.multipliers(), i.components(), grid.points.len()),
+                values: vectors(i.multipliers().into(), i.components(), grid.points.len()),
             };
             let picture = Picture {
                 name: format!("mediator-{name}"),

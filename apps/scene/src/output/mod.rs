@@ -41,11 +41,20 @@ pub fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<()> {
 
 /// Writes a file completely, or removes it: on a full disk, half a file would take space from others.
 pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let write_parts = |mut file: File| parts.iter().try_for_each(|p| file.write_all(p));
-    File::create(path).and_then(write_parts).map_err(|e| {
-        let _ = std::fs::remove_file(path);
-        write(path)(e)
-    })
+    put_with(path, |file| parts.iter().try_for_each(|p| file.write_all(p)))
+}
+
+/// Works like [`put`] with a function that writes the file.
+pub(crate) fn put_with(
+    path: &Path,
+    write_parts: impl FnOnce(&mut File) -> std::io::Result<()>,
+) -> Result<()> {
+    File::create(path)
+        .and_then(|mut f| write_parts(&mut f))
+        .map_err(|e| {
+            let _ = std::fs::remove_file(path);
+            write(path)(e)
+        })
 }
 
 /// Returns a value as indented JSON; `what` names the task in an error.

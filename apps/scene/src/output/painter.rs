@@ -23,12 +23,15 @@ pub(super) struct Painter {
     /// Cells in which the energy density is computed; `None` if it is not asked for or comes from bonds, if
     /// the field has no gradient or if the material is unknown.
     centres: Option<Vec<Cell>>,
-    weights: Vec<Array>,
+    weights: Vec<Array<'static>>,
     /// Log of broken bonds, if bonds can break.
     breaks: Option<SharedLog>,
     /// Bytes of recovered fields in a frame.
     recovered: usize,
 }
+
+/// Arrays of the points, then of the cells.
+type PointsAndCells<'a> = (Vec<Array<'a>>, Vec<Array<'a>>);
 
 /// Displacements and velocities of all points that are shown.
 pub(super) struct Seen<'a> {
@@ -96,38 +99,46 @@ impl Painter {
     }
 
     /// Returns the arrays of the points, then of the cells. Collective for a partitioned model.
-    pub(super) fn arrays(
-        &self,
+    pub(super) fn arrays<'a>(
+        &'a self,
         fields: &[OutputField],
-        s: &Subdomain<f64>,
-        seen: &Seen<'_>,
-    ) -> Result<(Vec<Array>, Vec<Array>)> {
+        s: &'a Subdomain<f64>,
+        seen: Seen<'a>,
+    ) -> Result<PointsAndCells<'a>> {
         let (mut points, mut cells) = (Vec::new(), Vec::new());
         let count = s.model().layout().components;
-        let vector = |name: &str, values: &[f64]| Array {
+        let vector = |name: &str, values: Cow<'a, [f64]>| Array {
             name: name.into(),
             components: 3,
             values: vectors(values, count, self.grid.points.len()),
         };
         if !self.grid.radii.is_empty() {
-            points.push(Array::scalar("radius [m]", self.grid.radii.clone()));
+            points.push(Array::scalar("radius [m]", &self.grid.radii));
         }
         for field in fields {
             match (field, &self.centres) {
-                (OutputField::Displacement, _) => points.push(vector("displacement [m]", &seen.q)),
-                (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", &seen.v)),
-                (OutputField::Weights, _) => points.extend(self.weights.iter().cloned()),
+                (OutputField::Displacement, _) => points.push(vector("displacement [m]", seen.q.clone())),
+                (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", seen.v.clone())),
+                (OutputField::Weights, _) => points.extend(self.weights.iter().map(|w| Array {
+                    values: (&*w.values).into(),
+                    name: w.name.clone(),
+                    components: w.components,
+                })),
                 (OutputField::EnergyDensity, Some(centres)) => {
                     let densities = centres.iter().map(|cell| density(cell, &seen.q, count));
-                    cells.push(Array::scalar(fields::ENERGY_DENSITY, densities.collect()));
+                    cells.push(Array::scalar(
+                        fields::ENERGY_DENSITY,
+                        densities.collect::<Vec<f64>>(),
+                    ));
                 }
                 _ => {}
             }
         }
         let piece = self.piece.as_ref();
-        points.extend(fields::recovered(fields, s, piece)?);
-        points.extend(fields::energy_densities(fields, s, piece)?);
-        cells.extend(fields::bonds(fields, s, self.grid.cells(), piece)?);
+        let mut survey = fields::survey(fields, s)?;
+        points.extend(fields::recovered(fields, s, survey.as_mut(), piece)?);
+        points.extend(fields::energy_densities(fields, s, survey.as_mut(), piece)?);
+        cells.extend(fields::bonds(fields, s, survey, self.grid.cells(), piece)?);
         if let Some(log) = &self.breaks {
             let [shares, broken] = self.damage(&locked(log));
             let shares = match piece {
@@ -179,7 +190,7 @@ fn density(cell: &Cell, q: &[f64], count: usize) -> f64 {
     0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
 }
 
-fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
+fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array<'static>> {
     let w = s.weights();
     let named = [
         ("alpha", &w.internal),
@@ -187,12 +198,22 @@ fn weights(s: &Subdomain<f64>, points: &[Point3<f64>]) -> Vec<Array> {
         ("gamma", &w.external),
     ];
     named
-        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.value(x)).collect()))
+        .map(|(name, w)| Array::scalar(name, points.iter().map(|x| w.value(x)).collect::<Vec<f64>>()))
         .into()
 }
 
-/// Pads the components of a model with zeros to three per point.
-pub(super) fn vectors(values: &[f64], components: usize, points: usize) -> Vec<f64> {
+/// Returns the first values, which are those of points; pads the components of a model with zeros to three
+/// per point.
+pub(super) fn vectors(values: Cow<'_, [f64]>, components: usize, points: usize) -> Cow<'_, [f64]> {
+    if components == 3 {
+        return match values {
+            Cow::Borrowed(values) => values[..3 * points].into(),
+            Cow::Owned(mut values) => {
+                values.truncate(3 * points);
+                values.into()
+            }
+        };
+    }
     (0..points)
         .flat_map(|k| (0..3).map(move |c| (k, c)))
         .map(|(k, c)| {

@@ -6,6 +6,7 @@ use super::pieces::Piece;
 use crate::error::{Result, unknown};
 use crate::setup::Grid;
 use crate::spec::Output;
+use std::borrow::Cow;
 use std::fmt::Debug;
 use std::path::Path;
 
@@ -28,7 +29,7 @@ pub(crate) trait Writer: Debug + Sync {
 
     /// Writes the file that lists the pieces of a grid, which are in the same folder. `arrays` of points and
     /// of cells have no values.
-    fn write_pieces(&self, path: &Path, arrays: &[Vec<Array>; 2], pieces: &[String]) -> Result<()>;
+    fn write_pieces(&self, path: &Path, arrays: &[Vec<Array<'_>>; 2], pieces: &[String]) -> Result<()>;
 
     /// Writes the list of all files over time. It is written during the run, too.
     fn write_index(&self, path: &Path, entries: &[Entry]) -> Result<()>;
@@ -46,22 +47,41 @@ pub(crate) fn writer(output: &Output) -> Result<&'static dyn Writer> {
 
 /// A named array with values per point or cell.
 #[derive(Debug, Clone)]
-pub struct Array {
+pub struct Array<'a> {
     /// Name with unit.
     pub name: String,
     /// Numbers per point or cell: 1, 3 or 6.
     pub components: usize,
     /// Values.
-    pub values: Vec<f64>,
+    pub values: Cow<'a, [f64]>,
 }
 
-impl Array {
+impl<'a> Array<'a> {
     /// One number per point or cell.
-    pub(super) fn scalar(name: &str, values: Vec<f64>) -> Self {
+    pub(super) fn scalar(name: &str, values: impl Into<Cow<'a, [f64]>>) -> Self {
         Self {
             name: name.into(),
             components: 1,
-            values,
+            values: values.into(),
+        }
+    }
+
+    /// Returns the array without its values.
+    pub(super) fn empty(self) -> Array<'static> {
+        Array {
+            values: Cow::default(),
+            name: self.name,
+            components: self.components,
+        }
+    }
+
+    /// Returns the array with values of its own.
+    #[must_use]
+    pub fn into_owned(self) -> Array<'static> {
+        Array {
+            values: self.values.into_owned().into(),
+            name: self.name,
+            components: self.components,
         }
     }
 }
@@ -74,9 +94,9 @@ pub struct Picture<'a> {
     /// Points and cells at rest.
     pub grid: &'a Grid,
     /// Values at the points.
-    pub points: Vec<Array>,
+    pub points: Vec<Array<'a>>,
     /// Values in the cells.
-    pub cells: Vec<Array>,
+    pub cells: Vec<Array<'a>>,
 }
 
 /// An entry of the index.

@@ -2,9 +2,11 @@
 
 use super::{Array, Entry, Picture, Piece, Writer};
 use crate::error::Result;
-use crate::output::put;
+use crate::output::{put, put_with};
 use arlequin::dem_beam::vtu::{CELL_NUMBERS, GHOSTS, POINT_NUMBERS};
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, Write as _};
 use std::path::Path;
 
 /// Data type of `POINT_NUMBERS` and `CELL_NUMBERS`: VTK's type of identifiers.
@@ -12,39 +14,60 @@ const NUMBER: &str = "Int64\" IdType=\"1";
 /// Name of the coordinates.
 const POSITION: &str = "position [m]";
 
-/// One data section and its description.
-struct Appended {
+/// Values that are converted to bytes at a time.
+const BLOCK: usize = 1 << 13;
+
+/// Writes the bytes of an array.
+type WriteArray<'a> = Box<dyn FnOnce(&mut File, &mut Vec<u8>) -> io::Result<()> + 'a>;
+
+/// Data sections: their description, and the arrays, which become bytes only while they are written.
+#[derive(Default)]
+struct Appended<'a> {
     xml: String,
-    data: Vec<u8>,
+    length: usize,
+    arrays: Vec<WriteArray<'a>>,
 }
 
-impl Appended {
-    fn add(&mut self, kind: &str, name: &str, components: usize, bytes: &mut dyn Iterator<Item = u8>) {
+impl<'a> Appended<'a> {
+    /// Adds an array of `count` items of `N` bytes.
+    fn add<const N: usize>(
+        &mut self,
+        kind: &str,
+        name: &str,
+        components: usize,
+        count: usize,
+        mut items: impl Iterator<Item = [u8; N]> + 'a,
+    ) {
         let _ = writeln!(
             self.xml,
             "        <DataArray {} format=\"appended\" offset=\"{}\"/>",
             array_attributes(kind, name, components),
-            self.data.len()
+            self.length
         );
         // In raw appended data, each array follows its length in 8 bytes.
-        let start = self.data.len();
-        self.data.extend(0u64.to_le_bytes());
-        self.data.extend(bytes);
-        let size = (self.data.len() - start - 8) as u64;
-        self.data[start..start + 8].copy_from_slice(&size.to_le_bytes());
+        self.length += 8 + N * count;
+        self.arrays.push(Box::new(move |file, block| {
+            block.clear();
+            block.extend(((N * count) as u64).to_le_bytes());
+            for first in (0..count).step_by(BLOCK) {
+                let here = items.by_ref().take(BLOCK.min(count - first));
+                here.for_each(|item| block.extend_from_slice(&item));
+                file.write_all(block)?;
+                block.clear();
+            }
+            file.write_all(block)
+        }));
     }
 
-    fn floats(&mut self, name: &str, components: usize, values: impl Iterator<Item = f64>) {
-        self.add(
-            "Float64",
-            name,
-            components,
-            &mut values.flat_map(f64::to_le_bytes),
-        );
+    fn floats(&mut self, array: &'a Array<'_>) {
+        let values = &*array.values;
+        let bytes = values.iter().map(|x| x.to_le_bytes());
+        self.add("Float64", &array.name, array.components, values.len(), bytes);
     }
 
-    fn numbers(&mut self, name: &str, values: impl Iterator<Item = i64>) {
-        self.add(NUMBER, name, 1, &mut values.flat_map(i64::to_le_bytes));
+    fn numbers(&mut self, name: &str, values: &'a [u32]) {
+        let bytes = values.iter().map(|k| i64::from(*k).to_le_bytes());
+        self.add(NUMBER, name, 1, values.len(), bytes);
     }
 
     fn section(&mut self, name: &str, numbers: Option<&str>, fill: impl FnOnce(&mut Self)) {
@@ -84,49 +107,33 @@ impl Writer for Vtu {
     }
 
     fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<()> {
-        let grid = picture.grid;
-        let mut a = Appended {
-            xml: String::new(),
-            data: Vec::new(),
-        };
-        let arrays = |a: &mut Appended, list: &[Array]| {
-            for x in list {
-                a.floats(&x.name, x.components, x.values.iter().copied());
-            }
-        };
+        let (grid, mut a) = (picture.grid, Appended::default());
         a.section("PointData", piece.map(|_| POINT_NUMBERS), |a| {
-            arrays(a, &picture.points);
+            picture.points.iter().for_each(|x| a.floats(x));
             if let Some(p) = piece {
-                a.numbers(POINT_NUMBERS, p.points.iter().map(|k| i64::from(*k)));
-                let ghosts = (0..p.points.len()).map(|k| u8::from(k >= p.owned));
-                a.add("UInt8", GHOSTS, 1, &mut { ghosts });
+                a.numbers(POINT_NUMBERS, &p.points);
+                let ghosts = (0..p.points.len()).map(|k| [u8::from(k >= p.owned)]);
+                a.add("UInt8", GHOSTS, 1, p.points.len(), ghosts);
             }
         });
         a.section("CellData", piece.map(|_| CELL_NUMBERS), |a| {
-            arrays(a, &picture.cells);
+            picture.cells.iter().for_each(|x| a.floats(x));
             if let Some(p) = piece {
-                a.numbers(CELL_NUMBERS, p.cells.iter().map(|k| i64::from(*k)));
+                a.numbers(CELL_NUMBERS, &p.cells);
             }
         });
         a.section("Points", None, |a| {
-            a.floats(POSITION, 3, grid.points.iter().flat_map(|p| [p.x, p.y, p.z]));
+            let coordinates = grid.points.iter().flat_map(|p| [p.x, p.y, p.z]);
+            let bytes = coordinates.map(f64::to_le_bytes);
+            a.add("Float64", POSITION, 3, 3 * grid.points.len(), bytes);
         });
         a.section("Cells", None, |a| {
-            let corners = grid.connectivity.iter();
-            a.add(
-                "Int64",
-                "connectivity",
-                1,
-                &mut corners.flat_map(|k| i64::from(*k).to_le_bytes()),
-            );
-            let ends = (1..=grid.cells()).map(|k| (k * grid.corners) as i64);
-            a.add("Int64", "offsets", 1, &mut ends.flat_map(i64::to_le_bytes));
-            a.add(
-                "UInt8",
-                "types",
-                1,
-                &mut std::iter::repeat_n(grid.cell_type, grid.cells()),
-            );
+            let (corners, cells) = (&grid.connectivity, grid.cells());
+            let numbers = corners.iter().map(|k| i64::from(*k).to_le_bytes());
+            a.add("Int64", "connectivity", 1, corners.len(), numbers);
+            let ends = (1..=cells).map(|k| ((k * grid.corners) as i64).to_le_bytes());
+            a.add("Int64", "offsets", 1, cells, ends);
+            a.add("UInt8", "types", 1, cells, std::iter::repeat([grid.cell_type]));
         });
         let head = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
@@ -136,17 +143,23 @@ impl Writer for Vtu {
             grid.cells(),
             a.xml
         );
-        let tail = b"\n  </AppendedData>\n</VTKFile>\n";
-        put(path, &[head.as_bytes(), &a.data, tail])
+        put_with(path, |file| {
+            file.write_all(head.as_bytes())?;
+            let mut block = Vec::new();
+            a.arrays
+                .into_iter()
+                .try_for_each(|write| write(file, &mut block))?;
+            file.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
+        })
     }
 
-    fn write_pieces(&self, path: &Path, arrays: &[Vec<Array>; 2], pieces: &[String]) -> Result<()> {
+    fn write_pieces(&self, path: &Path, arrays: &[Vec<Array<'_>>; 2], pieces: &[String]) -> Result<()> {
         let mut text = String::from(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"PUnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
              header_type=\"UInt64\">\n  <PUnstructuredGrid GhostLevel=\"0\">\n",
         );
         let [points, cells] = arrays;
-        let float = |a: &Array| array_attributes("Float64", &a.name, a.components);
+        let float = |a: &Array<'_>| array_attributes("Float64", &a.name, a.components);
         let number = |name: &str| array_attributes(NUMBER, name, 1);
         let point_arrays = [number(POINT_NUMBERS), array_attributes("UInt8", GHOSTS, 1)];
         for (section, name, arrays) in [
