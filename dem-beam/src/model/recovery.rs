@@ -40,6 +40,8 @@ impl DemModel {
         let mut bond = self.body.bond(b);
         bond.scale = 1.0 / bond.axis.norm();
         let span = bond.span();
+        // The force is without weight, not without damage.
+        bond.scale *= self.body.left(b);
         match reader.poses([i, j]) {
             Some([first, second]) => {
                 let force = finite::wrenches(&bond, &reader.rigidity, &first, &second)

@@ -91,9 +91,16 @@ pub(crate) fn excludes(key: &'static str, others: &'static str) -> impl Transfor
     }
 }
 
-/// Accepts no criterion, or one that compares energies.
-pub(crate) fn energy_criterion() -> Value {
-    json!({ "properties": { "criterion": { "enum": ["energy", "tensile-energy"] } } })
+/// Accepts a fracture energy with no criterion or one that compares energies, a strength with its criterion,
+/// or both without a criterion for beams that soften.
+pub(crate) fn fracture_keys(schema: &mut Schema) {
+    let energies = json!({ "enum": ["energy", "tensile-energy"] });
+    let keys = json!([
+        { "required": ["gc"], "properties": { "criterion": energies, "strength": false, "softening": { "const": false } } },
+        { "required": ["criterion", "strength"], "properties": { "gc": false, "softening": { "const": false } } },
+        { "required": ["gc", "strength", "softening"], "properties": { "criterion": false, "softening": { "const": true } } },
+    ]);
+    schema.insert("oneOf".into(), keys);
 }
 
 /// Requires `value` of a constant profile, and refuses `value` of all others.
