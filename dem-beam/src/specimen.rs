@@ -1,4 +1,5 @@
-//! Settings that tests of strength and of toughness share. Both run from a static solution until a body breaks.
+//! Settings that tests of strength and of toughness share. Both run from a static solution until a body
+//! breaks.
 
 use arlequin_core::Coupled;
 

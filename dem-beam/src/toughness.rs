@@ -115,7 +115,8 @@ pub struct Toughness {
     pub first: f64,
     /// Energy that the strip lost \[J/m²\]: work of the clamps less the gain in elastic and kinetic energy.
     pub lost: f64,
-    /// Part of `lost` that left with bonds, broken or softened \[J/m²\]; the rest left as waves, which the damping took.
+    /// Part of `lost` that left with bonds, broken or softened \[J/m²\]; the rest left as waves, which the
+    /// damping took.
     pub released: f64,
     /// Bonds that broke, per area \[1/m²\].
     pub broken: f64,
@@ -403,7 +404,6 @@ impl Servo<'_> {
         }
     }
 }
-
 
 /// Controller of the elongation. Times are in wave transits across the strip, lengths in its heights.
 struct Control {

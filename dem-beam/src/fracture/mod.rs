@@ -5,7 +5,8 @@
 //! tied by the multipliers, with the weight it had in the reference configuration, and the model warns of
 //! this ([`arlequin_core::Watching::watch`]).
 //!
-//! Bonds may soften instead: beyond their strength they lose stiffness until they fail ([`Fracture::softening`]).
+//! Bonds may soften instead: beyond their strength they lose stiffness until they fail
+//! ([`Fracture::softening`]).
 //!
 //! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 bond lengths
 //! apart. A crack has run into an overlap once [`CRACK`] of its bonds lie there. Fewer are stray bonds, which
@@ -64,9 +65,9 @@ pub struct Fracture {
     /// Strength \[Pa, or J/m² where [`Criterion::is_energy`]\]. With Weibull scatter it is the characteristic
     /// strength, at which 63.2 % of the bonds are broken; otherwise the mean.
     pub strength: f64,
-    /// Energy per section \[J/m²\] that a bond takes until it fails, for a criterion of energies: beyond its
-    /// strength its stiffness falls ([`Self::softening`]). `None` for bonds that break at their strength. Bonds
-    /// whose scattered strength is larger break at their strength too.
+    /// Energy per section \[J/m²\] that a bond takes until it fails, for a criterion of energies: beyond
+    /// its strength its stiffness falls ([`Self::softening`]). `None` for bonds that break at their
+    /// strength. Bonds whose scattered strength is larger break at their strength too.
     pub dissipated: Option<f64>,
     /// Scatter of the strengths between bonds.
     pub scatter: Scatter,

@@ -5,8 +5,8 @@
 //! any rank, all ranks compare the bonds between ranks one by one. All breaks are then gathered on all ranks
 //! and logged in the order of the whole body.
 
-use super::state::{FractureState, change, middle};
 use super::softening::{Damage, Loss};
+use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
 use crate::model::poses::Reader;
 use crate::numbered::Numbered;

@@ -48,8 +48,8 @@ impl FractureState {
         })
     }
 
-    /// Fills [`Self::now`] with the bonds that break or soften, in ascending order. Returns whether loads were compared
-    /// with strengths in this step.
+    /// Fills [`Self::now`] with the bonds that break or soften, in ascending order. Returns whether loads
+    /// were compared with strengths in this step.
     ///
     /// If the force kernel has screened the current positions, only the bonds of marked blocks are compared.
     pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {

@@ -157,7 +157,9 @@ impl FractureState {
     /// Takes strengths and stiffnesses of damaged bonds from the log; [`Softening::now`] then lists them, for
     /// the caller to follow.
     pub(super) fn follow_damage(&mut self) {
-        let Some(softening) = &mut self.softening else { return };
+        let Some(softening) = &mut self.softening else {
+            return;
+        };
         softening.now.clear();
         let log = locked(&self.log);
         for (b, strength) in self.strength.iter_mut().enumerate() {

@@ -266,9 +266,9 @@ impl FractureState {
         parts.map_or(Some(bond as usize), |p| p.local_bond(bond))
     }
 
-    /// Removes what the bonds of [`Self::now`] lose from the balance of the owned particles and logs the losses
-    /// of the whole body; only broken bonds then stay in the list. Returns the energy of all losses \[J\].
-    /// `parts` is that of a partitioned body. Collective.
+    /// Removes what the bonds of [`Self::now`] lose from the balance of the owned particles and logs the
+    /// losses of the whole body; only broken bonds then stay in the list. Returns the energy of all losses
+    /// \[J\]. `parts` is that of a partitioned body. Collective.
     pub(crate) fn release(
         &mut self,
         body: &BondedParticles,

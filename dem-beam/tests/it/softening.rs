@@ -53,9 +53,9 @@ fn section() -> f64 {
     std::f64::consts::PI * (0.71 * R).powi(2)
 }
 
-/// Under a growing elongation `u`, the force rises with `E S/l` up to `u_1`, where the beam holds the energy of
-/// its peak, then falls along a line to zero at `u_1 G/w_1`; the area below is `G S`. Unloading returns along
-/// the secant and takes no energy.
+/// Under a growing elongation `u`, the force rises with `E S/l` up to `u_1`, where the beam holds the
+/// energy of its peak, then falls along a line to zero at `u_1 G/w_1`; the area below is `G S`. Unloading
+/// returns along the secant and takes no energy.
 #[test]
 fn a_beam_follows_its_two_lines_and_takes_the_energy_per_section() {
     let (mut model, [whole, peak]) = (bond(), ENERGIES);
@@ -237,11 +237,20 @@ fn the_ledger_closes_while_damaged_beams_unload_and_reload() {
         run.run(5, &mut Silent).unwrap();
         let s = &run.subdomains()[0];
         loads.clear();
-        s.model().views().links.unwrap().forces(&s.state().q, &mut loads).unwrap();
+        s.model()
+            .views()
+            .links
+            .unwrap()
+            .forces(&s.state().q, &mut loads)
+            .unwrap();
         let log = locked(&log);
         for (b, load) in loads.iter().enumerate() {
             let now = log.damage(b);
-            assert!(now >= damage[b], "damage of bond {b} fell from {} to {now}", damage[b]);
+            assert!(
+                now >= damage[b],
+                "damage of bond {b} fell from {} to {now}",
+                damage[b]
+            );
             again[b] |= unloaded[b] && now > damage[b];
             unloaded[b] |= now > 0.0 && now < 1.0 && load.utilisation.unwrap() < 0.25;
             damage[b] = now;

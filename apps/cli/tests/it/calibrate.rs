@@ -227,7 +227,11 @@ fn a_bar_without_a_uniform_modulus_has_a_strength() {
     let report = json(&[&asked[..], &["--strength", "--criterion", "axial"]].concat());
     assert!(report["refused"].is_null());
     let warnings = report["warnings"].as_array().unwrap();
-    assert!(warnings.iter().any(|w| w.as_str().unwrap().contains("the gauge section has")));
+    assert!(
+        warnings
+            .iter()
+            .any(|w| w.as_str().unwrap().contains("the gauge section has"))
+    );
     assert!((3.0..6.0).contains(&number(&report, "/strength/rows/0/ratio/mean")));
 }
 

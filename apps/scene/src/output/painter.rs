@@ -140,8 +140,8 @@ impl Painter {
         Ok((points, cells))
     }
 
-    /// Mean damage of the bonds of every particle (of a part: of the owned ones), and the damage of each bond:
-    /// 1 for a broken one.
+    /// Mean damage of the bonds of every particle (of a part: of the owned ones), and the damage of each
+    /// bond: 1 for a broken one.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
         let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.owned);
         let mut counts = vec![[0.0_f64; 2]; points];

@@ -41,8 +41,8 @@ pub(super) fn bonds(scene: &LoweredScene, name: &str) -> Option<Bonds> {
 }
 
 impl Meant {
-    /// Returns the fracture of a model with spheres of a mean diameter \[m\]; without one, the fracture energy
-    /// of silica.
+    /// Returns the fracture of a model with spheres of a mean diameter \[m\]; without one, the fracture
+    /// energy of silica.
     pub(super) fn new(
         bonds: Option<Bonds>,
         model_key: &str,
