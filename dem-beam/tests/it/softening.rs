@@ -178,8 +178,9 @@ fn pulled(n: usize, finite: bool, spec: Fracture) -> (Coupled<f64>, SharedLog) {
 fn the_ledger_closes_while_beams_soften() {
     let scatter = Scatter::Weibull { modulus: 8.0 };
     for (finite, scatter, tolerance) in [
-        (false, Scatter::None, 1e-12),
-        (false, scatter, 1e-12),
+        // The halves fly apart, and round-off grows with their displacements.
+        (false, Scatter::None, 1e-11),
+        (false, scatter, 1e-11),
         (true, scatter, 1e-6),
     ] {
         let (mut run, log) = pulled(
