@@ -36,6 +36,21 @@ pub enum Error {
         /// Name of the criterion.
         criterion: &'static str,
     },
+    /// Beams that would hold more energy at their strength than they may take until they fail.
+    #[error(
+        "gc = {gc:e} J/m2 and strength = {strength:e} Pa exclude each other with spheres of mean diameter {diameter:.3e} m: beams \
+         at that stress hold more energy than a crack takes, and snap back; take spheres below {largest:.3e} m, or a lower strength"
+    )]
+    SnapBack {
+        /// Fracture energy of the body \[J/m²\].
+        gc: f64,
+        /// Axial stress of the beams at their peak \[Pa\].
+        strength: f64,
+        /// Mean diameter of the spheres \[m\].
+        diameter: f64,
+        /// Diameter at which beams break at their peak \[m\].
+        largest: f64,
+    },
     /// A coordinate, weight or load is NaN or infinite.
     #[error("{what} of {object} {index} is {value}: it must be finite")]
     NotFinite {

@@ -55,6 +55,7 @@ mod numbered;
 pub mod obstacle;
 pub mod packing;
 pub mod particles;
+mod specimen;
 pub mod statics;
 pub mod strength;
 pub mod toughness;

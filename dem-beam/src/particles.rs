@@ -207,16 +207,8 @@ impl BondedParticles {
                 return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
-        for (b, &w) in weights.iter().enumerate() {
-            let grade = self.grades.get(b).copied().unwrap_or(1.0);
-            let mut bond = self.bond(b);
-            bond.scale = w * grade / bond.axis.norm();
-            if self.rounded {
-                bond = self.grid.rounded(&bond);
-            }
-            self.scales[b] = bond.scale;
-        }
         self.weights.copy_from_slice(weights);
+        (0..weights.len()).for_each(|b| self.soften(b, 1.0));
         // A particle without bonds keeps its whole mass.
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
             self.mass[i] = self.full_mass[i] * w;
@@ -327,6 +319,38 @@ impl BondedParticles {
     /// Sets the stiffness of a bond to zero; masses stay.
     pub(crate) fn sever(&mut self, bond: usize) {
         self.scales[bond] = 0.0;
+    }
+
+    /// [`LinearBond::scale`] of bond `b` \[m\].
+    pub(crate) fn scale(&self, bond: usize) -> f64 {
+        self.scales[bond]
+    }
+
+    /// Returns the scale of bond `b` with the share `left` of its stiffness \[m\].
+    pub(crate) fn softened(&self, bond: usize, left: f64) -> f64 {
+        let grade = self.grades.get(bond).copied().unwrap_or(1.0);
+        let whole = self.bond(bond);
+        let softened = LinearBond {
+            scale: left * self.weights[bond] * grade / whole.axis.norm(),
+            ..whole
+        };
+        match self.rounded {
+            true => self.grid.rounded(&softened).scale,
+            false => softened.scale,
+        }
+    }
+
+    /// Share of its stiffness that bond `b` has left; one for a bond without weight.
+    pub(crate) fn left(&self, bond: usize) -> f64 {
+        match self.softened(bond, 1.0) {
+            whole if whole > 0.0 => self.scales[bond] / whole,
+            _ => 1.0,
+        }
+    }
+
+    /// Leaves the share `left` of the stiffness of a bond; masses stay.
+    pub(crate) fn soften(&mut self, bond: usize, left: f64) {
+        self.scales[bond] = self.softened(bond, left);
     }
 
     /// Returns whether bond `b` has any stiffness.

@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::fracture::{Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
+use crate::specimen::{DENSITY, GIVEN_UP, SOLVE, START, support_work};
 use crate::statics::StaticProblem;
 use arlequin_core::effect::StiffnessDamping;
 use arlequin_core::{Coupled, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
@@ -25,18 +26,10 @@ use arlequin_core::{Coupled, PrescribedMotion, Silent, Subdomain, TimeFunction, 
 pub const LOADING: f64 = 10.0;
 /// Time of the stiffness damping, in wave transits across a mean diameter.
 pub const DAMPING: f64 = 0.04;
-/// Elongation at the start of the run, over that at the first broken bond.
-const START: f64 = 0.9;
-/// Elongation at which the run gives up on an unbroken bar, over that at the first broken bond.
-const GIVEN_UP: f64 = 12.0;
 /// Wave transits along the bar over which a force is averaged.
 const WINDOW: f64 = 0.2;
 /// The bar counts as broken when its force has fallen to this fraction of its peak.
 const FALLEN: f64 = 0.5;
-/// Density \[kg/m³\]: results do not depend on it.
-const DENSITY: f64 = 1000.0;
-/// Largest residual and number of iterations of the static solution.
-const SOLVE: (f64, usize) = (1e-6, 50_000);
 
 /// Result of a strength test.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -253,13 +246,4 @@ impl Pull {
             stress: best.peak / bar.area,
         })
     }
-}
-
-/// Returns the work of the moved ends so far \[J\].
-fn support_work(run: &Coupled<f64>) -> f64 {
-    let works = run.works();
-    works
-        .iter()
-        .find(|w| w.name == "supports")
-        .map_or(0.0, |w| w.work)
 }

@@ -19,6 +19,7 @@ use crate::error::{Error, Result, positive};
 use crate::fracture::{Break, Fracture, locked};
 use crate::model::DemModel;
 use crate::packing::Packing;
+use crate::specimen::{DENSITY, GIVEN_UP, SOLVE, START, support_work};
 use crate::statics::StaticProblem;
 use arlequin_core::effect::StiffnessDamping;
 use arlequin_core::{Coupled, Formula, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
@@ -35,16 +36,12 @@ pub const SHORTEST: f64 = CRACK + APART[0] + APART[1] + 1.0;
 pub const SPEED: f64 = 0.02;
 /// Time of the stiffness damping, in wave transits across a mean diameter.
 pub const DAMPING: f64 = 0.1;
-/// Elongation at the start of the run, over that at the first broken bond.
-const START: f64 = 0.9;
 /// Relative growth of the elongation in a wave transit across the strip, up to the first broken bond.
 const GROWTH: f64 = 0.02;
 /// Change of the elongation by the distance of the crack from its wanted place in heights: at once, and in a
 /// wave transit across the strip. Weaker ones let the crack run away, stronger ones send waves that take more
 /// than a tenth of the energy.
 const CONTROL: [f64; 2] = [0.25, 0.03];
-/// Elongation at which the run gives up, over that at the first broken bond.
-const GIVEN_UP: f64 = 12.0;
 /// Time at which the run gives up, over the time in which the crack should pass the strip.
 const LATEST: f64 = 3.0;
 /// Wave transits across the strip between two changes of the elongation.
@@ -55,10 +52,6 @@ const PARTED: f64 = 0.65;
 /// Bonds beyond the measured length that show that the crack has passed it, over those across the plane of
 /// the crack in a height.
 const PASSED: f64 = 0.1;
-/// Density \[kg/m³\]: results do not depend on it.
-const DENSITY: f64 = 1000.0;
-/// Largest residual and number of iterations of the static solution.
-const SOLVE: (f64, usize) = (1e-6, 50_000);
 
 /// A strip: a box with its length along x and its clamps at the two ends of y.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,7 +115,8 @@ pub struct Toughness {
     pub first: f64,
     /// Energy that the strip lost \[J/m²\]: work of the clamps less the gain in elastic and kinetic energy.
     pub lost: f64,
-    /// Part of `lost` that left with the bonds \[J/m²\]; the rest left as waves, which the damping took.
+    /// Part of `lost` that left with bonds, broken or softened \[J/m²\]; the rest left as waves, which the
+    /// damping took.
     pub released: f64,
     /// Bonds that broke, per area \[1/m²\].
     pub broken: f64,
@@ -261,6 +255,8 @@ struct Sample {
     left: f64,
     /// Number of broken bonds.
     broken: usize,
+    /// Energy that left with bonds, broken or softened \[J\].
+    released: f64,
 }
 
 /// A test under control of the crack's place.
@@ -308,7 +304,7 @@ impl Servo<'_> {
         loop {
             run.run(every, &mut Silent)?;
             let now = run.time();
-            let (broken, passed) = {
+            let (broken, released, passed) = {
                 let log = locked(&log);
                 let places = || log.events().iter().map(|e| e.place.x);
                 let counts = [
@@ -316,7 +312,7 @@ impl Servo<'_> {
                     places().filter(|x| *x >= ends[1]).count(),
                 ];
                 let passed = counts.iter().zip(wanted).all(|(n, least)| *n as f64 > least);
-                (log.events().len(), passed)
+                (log.events().len(), log.released(), passed)
             };
             samples.push(Sample {
                 time: now,
@@ -324,6 +320,7 @@ impl Servo<'_> {
                 // This sum falls only by what leaves the strip: energy of broken bonds and of damped waves.
                 left: run.energy() - support_work(&run),
                 broken,
+                released,
             });
             if passed {
                 return Ok(self.evaluate(&samples, locked(&log).events()));
@@ -397,25 +394,15 @@ impl Servo<'_> {
         }
         let length = ends[1] - ends[0];
         let area = length * self.strip.size[2];
-        let released: f64 = events[first.broken..last.broken].iter().map(|e| e.released).sum();
         Toughness {
             elongation: (square / broken).sqrt(),
             first: self.first,
             lost: (first.left - last.left) / area,
-            released: released / area,
+            released: (last.released - first.released) / area,
             broken: broken / area,
             speed: length / (last.time - first.time) / self.wave,
         }
     }
-}
-
-/// Returns the work of the clamps so far \[J\].
-fn support_work(run: &Coupled<f64>) -> f64 {
-    let works = run.works();
-    works
-        .iter()
-        .find(|w| w.name == "supports")
-        .map_or(0.0, |w| w.work)
 }
 
 /// Controller of the elongation. Times are in wave transits across the strip, lengths in its heights.

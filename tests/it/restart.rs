@@ -149,6 +149,10 @@ fn a_restart_keeps_the_work_of_a_model_that_evolves() {
     for (criterion, strength) in [(Criterion::Rankine, 100e6), (Criterion::Hydrostatic, 10e6)] {
         evolving_work_is_kept(Fracture::new(criterion, strength));
     }
+    evolving_work_is_kept(Fracture {
+        dissipated: Some(60.0),
+        ..Fracture::new(Criterion::TensileEnergy, 20.0)
+    });
 }
 
 fn evolving_work_is_kept(fracture: Fracture) {

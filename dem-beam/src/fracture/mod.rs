@@ -5,6 +5,9 @@
 //! tied by the multipliers, with the weight it had in the reference configuration, and the model warns of
 //! this ([`arlequin_core::Watching::watch`]).
 //!
+//! Bonds may soften instead: beyond their strength they lose stiffness until they fail
+//! ([`Fracture::softening`]).
+//!
 //! A crack is a set of broken bonds each of which is near another: their middles are at most 1.1 bond lengths
 //! apart. A crack has run into an overlap once [`CRACK`] of its bonds lie there. Fewer are stray bonds, which
 //! break because strengths scatter ([`BreakLog::crack_in_overlap`]).
@@ -40,12 +43,14 @@ pub(crate) mod particles;
 pub(crate) mod parts;
 mod scatter;
 mod search;
+mod softening;
 pub(crate) mod state;
 
 pub use cracks::CRACK;
 use cracks::Cracks;
 pub use criterion::{BreakMode, Criterion, diameter_of_both, tensile_strength};
 pub use scatter::Scatter;
+use softening::Damage;
 
 use crate::error::{Error, Result, positive};
 use arlequin_core::snapshot::Record;
@@ -60,6 +65,10 @@ pub struct Fracture {
     /// Strength \[Pa, or J/m² where [`Criterion::is_energy`]\]. With Weibull scatter it is the characteristic
     /// strength, at which 63.2 % of the bonds are broken; otherwise the mean.
     pub strength: f64,
+    /// Energy per section \[J/m²\] that a bond takes until it fails, for a criterion of energies: beyond
+    /// its strength its stiffness falls ([`Self::softening`]). `None` for bonds that break at their
+    /// strength. Bonds whose scattered strength is larger break at their strength too.
+    pub dissipated: Option<f64>,
     /// Scatter of the strengths between bonds.
     pub scatter: Scatter,
     /// Seed of the scatter.
@@ -81,6 +90,7 @@ impl Fracture {
         Self {
             criterion,
             strength,
+            dissipated: None,
             scatter: Scatter::None,
             seed: 1,
             every: 1,
@@ -112,6 +122,13 @@ impl Fracture {
     /// [`Error::OutOfRange`] for the first value out of its range.
     pub fn check(&self) -> Result<()> {
         positive("bond strength", self.strength)?;
+        if let Some(dissipated) = self.dissipated {
+            positive("energy per section until a bond fails", dissipated)?;
+            if !self.criterion.is_energy() {
+                let criterion = self.criterion.name();
+                return Err(Error::StressCriterion { criterion });
+            }
+        }
         self.scatter.check()?;
         if self.every == 0 {
             return Err(Error::out_of_range(
@@ -133,7 +150,7 @@ pub struct Break {
     pub bond: u32,
     /// Its two particles, numbered like `bond`.
     pub pair: [u32; 2],
-    /// Energy that left the model with the bond \[J\].
+    /// Energy that left the model with the bond, while it softened and when it broke \[J\].
     pub released: f64,
     /// Distance of the centres at the break \[m\].
     pub distance: f64,
@@ -156,6 +173,9 @@ pub struct BreakLog {
     checks: usize,
     cracks: Cracks,
     into_overlap: Option<usize>,
+    /// Damage of all bonds; empty if bonds do not soften.
+    damages: Vec<Damage>,
+    softened: usize,
 }
 
 impl BreakLog {
@@ -184,7 +204,7 @@ impl BreakLog {
         self.events.get(self.into_overlap?)
     }
 
-    /// Energy that left the model with broken bonds \[J\].
+    /// Energy that left the model with broken bonds, and with the damage of others \[J\].
     #[must_use]
     pub fn released(&self) -> f64 {
         self.released
@@ -201,8 +221,9 @@ impl BreakLog {
         self.numbers = numbers.to_vec();
     }
 
-    pub(crate) fn begin(&mut self, bonds: usize) {
+    pub(crate) fn begin(&mut self, bonds: usize, softening: bool) {
         self.broken = vec![false; bonds];
+        self.begin_damage(if softening { bonds } else { 0 });
     }
 
     /// Writes what a resumed run needs: three numbers and four integers per break, and the number of checks.
@@ -249,6 +270,7 @@ impl BreakLog {
                 overlap,
                 mode,
             };
+            self.released += released;
             self.push(event);
         }
         numbers.len() * 3 == from.numbers.len()
@@ -260,11 +282,11 @@ impl BreakLog {
         self.checks += 1;
     }
 
-    pub(crate) fn push(&mut self, event: Break) {
+    /// Adds a break whose energy is counted already.
+    fn push(&mut self, event: Break) {
         if let Some(b) = self.broken.get_mut(event.bond as usize) {
             *b = true;
         }
-        self.released += event.released;
         // All breaks join cracks; only bonds in overlaps count.
         let bonds = self.cracks.add(event.place, event.distance, event.overlap);
         if bonds >= CRACK && self.into_overlap.is_none() {

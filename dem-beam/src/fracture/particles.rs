@@ -72,8 +72,9 @@ fn share(body: &BondedParticles, i: usize, j: usize) -> f64 {
 }
 
 impl Fracture {
-    /// Returns whether limits differ between the half-bonds of a body.
+    /// Returns whether limits differ between the half-bonds of a body, from the start or by damage.
     pub(super) fn has_own_limits(&self) -> bool {
-        self.criterion.is_of_particles() || self.scatter != Scatter::None || self.spare_overlap
+        let differ = self.scatter != Scatter::None || self.spare_overlap || self.dissipated.is_some();
+        differ || self.criterion.is_of_particles()
     }
 }

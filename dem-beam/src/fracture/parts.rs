@@ -5,6 +5,7 @@
 //! any rank, all ranks compare the bonds between ranks one by one. All breaks are then gathered on all ranks
 //! and logged in the order of the whole body.
 
+use super::softening::{Damage, Loss};
 use super::state::{FractureState, change, middle};
 use super::{Break, BreakMode, Fracture, SharedLog, locked, writing};
 use crate::model::poses::Reader;
@@ -16,8 +17,8 @@ use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
-/// Words per break in the all-gather.
-const WORDS: usize = 7;
+/// Words per loss in the all-gather.
+const WORDS: usize = 9;
 
 /// Numbers per ghost that are exchanged when bonds break: the state one step before, and its change over the
 /// step.
@@ -49,11 +50,11 @@ impl FractureState {
         log: SharedLog,
         (halo, numbered): (&Halo, &Numbered),
     ) -> Self {
-        writing(&log).begin(numbered.total);
+        writing(&log).begin(numbered.total, spec.dissipated.is_some());
         Self::for_part(spec, (body, volumes), log, (halo, numbered))
     }
 
-    /// Restricts the state to a part of the body; broken bonds stay broken.
+    /// Restricts the state to a part of the body; broken and damaged bonds stay so.
     pub(crate) fn part(self, body: (&BondedParticles, &[f64]), numbering: (&Halo, &Numbered)) -> Self {
         let mut out = Self::for_part(self.spec, body, self.log.clone(), numbering);
         if self.is_plain() {
@@ -70,6 +71,7 @@ impl FractureState {
         };
         out.make_unbreakable(&broken);
         out.now = broken;
+        out.follow_damage();
         out
     }
 
@@ -121,15 +123,15 @@ impl Parts {
         &self.cross
     }
 
-    /// Returns the breaks of all ranks in the order of the whole body and in its numbers. `breaks` are those
-    /// whose first particle this rank owns, in local numbers. Collective.
-    pub(super) fn gather_breaks(&self, breaks: &[Break], time: f64) -> arlequin_core::Result<Vec<Break>> {
-        let sent = breaks.iter().flat_map(|e| self.words(e)).collect();
+    /// Returns the losses of all ranks in the order of the whole body and in its numbers. `losses` are those
+    /// of bonds whose first particle this rank owns, in local numbers. Collective.
+    pub(super) fn gather_losses(&self, losses: &[Loss], time: f64) -> arlequin_core::Result<Vec<Loss>> {
+        let sent = losses.iter().flat_map(|e| self.words(e)).collect();
         let mut received = self.halo.owned().all_gather(sent)?;
         let received = received.as_chunks_mut::<WORDS>().0;
         // All-gather keeps the order of ranks; the log has the order that a run on one rank gives it.
         received.sort_unstable_by_key(number);
-        Ok(received.iter().map(|words| event(words, time)).collect())
+        Ok(received.iter().map(|words| loss(words, time)).collect())
     }
 
     /// Exchanges the states and changes of the ghosts. Collective.
@@ -207,8 +209,8 @@ impl Parts {
         self.halo.global(particle as usize) as u32
     }
 
-    /// Packs a break with numbers of the whole body into words.
-    fn words(&self, e: &Break) -> [i64; WORDS] {
+    /// Packs a loss with numbers of the whole body into words.
+    fn words(&self, Loss { event: e, damage }: &Loss) -> [i64; WORDS] {
         let two = |a: u32, b: u32| (u64::from(a) << 32 | u64::from(b)).cast_signed();
         // Numbers travel as their bits, so that all ranks log the same values.
         let bits = |x: f64| x.to_bits().cast_signed();
@@ -224,6 +226,8 @@ impl Parts {
             bits(e.place.x),
             bits(e.place.y),
             bits(e.place.z),
+            bits(damage.load),
+            bits(damage.left),
         ]
     }
 }
@@ -233,10 +237,10 @@ fn number(words: &[i64; WORDS]) -> u32 {
 }
 
 /// Inverse of [`Parts::words`].
-fn event(words: &[i64; WORDS], time: f64) -> Break {
+fn loss(words: &[i64; WORDS], time: f64) -> Loss {
     let real = |k: usize| f64::from_bits(words[k].cast_unsigned());
     let (low, pair) = (words[0].cast_unsigned() as u32, words[1].cast_unsigned());
-    Break {
+    let event = Break {
         time,
         bond: number(words),
         pair: [(pair >> 32) as u32, pair as u32],
@@ -246,5 +250,11 @@ fn event(words: &[i64; WORDS], time: f64) -> Break {
         overlap: low % 2 == 1,
         // The minimum keeps a damaged word from an index out of bounds.
         mode: BreakMode::ALL[(low as usize / 2).min(BreakMode::ALL.len() - 1)],
-    }
+    };
+    let damage = Damage {
+        load: real(7),
+        left: real(8),
+        released: 0.0,
+    };
+    Loss { event, damage }
 }

@@ -48,12 +48,15 @@ impl FractureState {
         })
     }
 
-    /// Fills [`Self::now`] with the bonds that break, in ascending order. Returns whether loads were compared
-    /// with strengths in this step.
+    /// Fills [`Self::now`] with the bonds that break or soften, in ascending order. Returns whether loads
+    /// were compared with strengths in this step.
     ///
     /// If the force kernel has screened the current positions, only the bonds of marked blocks are compared.
     pub(crate) fn find(&mut self, body: &BondedParticles, reader: &Reader<'_>) -> bool {
         self.now.clear();
+        if let Some(softening) = &mut self.softening {
+            softening.now.clear();
+        }
         self.wait += 1;
         if self.wait < self.spec.every {
             return false;

@@ -4,6 +4,7 @@ use super::criterion::{Section, Strain};
 use super::particles::ParticleStrengths;
 use super::parts::{GhostStates, Parts};
 use super::search::CHUNK;
+use super::softening::{Loss, Softening};
 use super::{Break, Fracture, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
@@ -28,11 +29,17 @@ pub(crate) struct FractureState {
     /// Strength of each bond; infinite for broken and spared bonds. Under a criterion of particles, only
     /// whether it is finite counts.
     pub(super) strength: Vec<f64>,
+    /// Bonds that soften; the strength of a damaged bond is its largest load so far.
+    pub(crate) softening: Option<Softening>,
     /// Strengths of the particles under a criterion of particles.
     pub(super) particles: Option<ParticleStrengths>,
     pub(super) flags: Vec<bool>,
     /// Bonds that break in this step; see [`Self::find`].
     pub(crate) now: Vec<u32>,
+    /// Losses of this step.
+    losses: Vec<Loss>,
+    /// Blocks with bonds that broke or softened in this step.
+    pub(crate) changed: Vec<usize>,
     pub(super) wait: usize,
     /// Screen inside the force kernel; `None` if bonds must be compared one by one.
     screen: Option<Screen>,
@@ -54,7 +61,7 @@ pub(crate) struct FractureState {
 impl FractureState {
     /// Returns the state of a body of particles of these volumes \[m³\].
     pub(crate) fn new(spec: Fracture, body: &BondedParticles, volumes: &[f64], log: SharedLog) -> Self {
-        writing(&log).begin(body.pairs().len());
+        writing(&log).begin(body.pairs().len(), spec.dissipated.is_some());
         Self::with_owned(spec, body, volumes, log)
     }
 
@@ -73,10 +80,13 @@ impl FractureState {
             adjacency: body.adjacency(),
             section: Section::new(body.rigidity()),
             strength: (0..bonds).map(|b| strength_of(&spec, body, b)).collect(),
+            softening: Softening::new(&spec),
             particles: ParticleStrengths::new(&spec, body, volumes),
             flags: vec![false; bonds.max(owned).div_ceil(CHUNK)],
             // Room for the breaks of a usual step, since a step should not allocate.
             now: Vec::with_capacity(64),
+            losses: Vec::with_capacity(64),
+            changed: Vec::with_capacity(128),
             wait: 0,
             screen: None,
             plainly: false,
@@ -170,10 +180,11 @@ impl FractureState {
             for (b, strength) in self.strength.iter_mut().enumerate() {
                 // Broken bonds keep their infinite strength.
                 if !log.is_broken_here(b) {
+                    let damaged = log.damage_here(b).map(|d| d.load);
                     *strength = if inside(b) {
                         f64::INFINITY
                     } else {
-                        strength_of(&self.spec, body, b)
+                        damaged.unwrap_or_else(|| strength_of(&self.spec, body, b))
                     };
                 }
             }
@@ -184,16 +195,18 @@ impl FractureState {
         }
     }
 
-    /// Writes the steps since the last check as first integer, then the log.
+    /// Writes the steps since the last check as first integer, then damage and log.
     pub(crate) fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         out.integers.push(self.wait as u64);
-        locked(&self.log).save(&mut out);
+        let log = locked(&self.log);
+        log.save_damages(&mut out);
+        log.save(&mut out);
         out
     }
 
     /// Restores what [`Self::save`] wrote; returns `false` for a record of another model. [`Self::now`] then
-    /// lists the broken bonds, which the caller must remove.
+    /// lists the broken bonds, which the caller must remove, and [`Softening::now`] the damaged ones.
     pub(crate) fn restore(
         &mut self,
         mut from: Record<f64>,
@@ -204,6 +217,9 @@ impl FractureState {
             return false;
         }
         self.wait = from.integers.remove(0) as usize;
+        let Some(damages) = locked(&self.log).read_damages(&mut from) else {
+            return false;
+        };
         let parts = self.parts.take();
         let restored = match &parts {
             Some(parts) => parts.restore(&self.log, &from, body, inside),
@@ -217,12 +233,14 @@ impl FractureState {
         if !restored {
             return false;
         }
+        writing(&self.log).restore_damages(damages);
         let log = locked(&self.log);
         let broken = (0..body.pairs().len()).filter(|b| log.is_broken_here(*b));
         let broken: Vec<u32> = broken.map(|b| b as u32).collect();
         drop(log);
         self.make_unbreakable(&broken);
         self.now = broken;
+        self.follow_damage();
         true
     }
 
@@ -248,8 +266,9 @@ impl FractureState {
         parts.map_or(Some(bond as usize), |p| p.local_bond(bond))
     }
 
-    /// Removes the bonds of [`Self::now`] from the balance of the owned particles and logs the breaks of the
-    /// whole body. Returns the energy of all breaks \[J\]. `parts` is that of a partitioned body. Collective.
+    /// Removes what the bonds of [`Self::now`] lose from the balance of the owned particles and logs the
+    /// losses of the whole body; only broken bonds then stay in the list. Returns the energy of all losses
+    /// \[J\]. `parts` is that of a partitioned body. Collective.
     pub(crate) fn release(
         &mut self,
         body: &BondedParticles,
@@ -267,7 +286,8 @@ impl FractureState {
             ghosts: &ghosts,
             ..*readers[0]
         };
-        let mut breaks = Vec::new();
+        let mut losses = std::mem::take(&mut self.losses);
+        losses.clear();
         for k in 0..self.now.len() {
             let b = self.now[k] as usize;
             let change_of = |i: usize| match i.checked_sub(self.owned) {
@@ -275,26 +295,39 @@ impl FractureState {
                 Some(ghost) => changes[ghost],
             };
             let (event, held) = self.break_of(body, b, [&before, readers[1]], &change_of);
-            // The rank that owns the first particle reports the break, so that it is logged once.
+            let load = match self.softening {
+                Some(_) => self.ratio(body, readers[1], b) * self.strength[b],
+                None => 0.0,
+            };
+            let Some((lost, damage)) = self.weaken(body, b, load) else {
+                continue;
+            };
+            self.subtract(body, b, &held, lost, step);
+            // The rank that owns the first particle reports the loss, so that it is logged once.
             if (event.pair[0] as usize) < self.owned {
-                let (time, overlap) = (step.time, inside(b));
-                breaks.push(Break {
+                let (time, overlap, released) = (step.time, inside(b), lost * event.released);
+                let event = Break {
                     time,
                     overlap,
+                    released,
                     ..event
-                });
+                };
+                losses.push(Loss { event, damage });
             }
-            self.remove_bond(body, b, &held, step);
         }
+        let strength = &self.strength;
+        self.now.retain(|b| strength[*b as usize].is_infinite());
         if let Some(parts) = parts {
-            breaks = parts.gather_breaks(&breaks, step.time)?;
+            losses = parts.gather_losses(&losses, step.time)?;
         }
         let mut log = writing(&self.log);
         let mut total = 0.0;
-        for event in breaks {
-            total += event.released;
-            log.push(event);
+        for loss in &losses {
+            total += loss.event.released;
+            log.lose(*loss);
         }
+        drop(log);
+        self.losses = losses;
         Ok(total)
     }
 
@@ -340,24 +373,28 @@ impl FractureState {
         (event, g0)
     }
 
-    /// Removes a bond and its forces one step before from the balance of the owned particles.
-    pub(super) fn remove_bond(
-        &mut self,
+    /// Removes a share of the forces that a bond had one step before from the balance of the owned particles.
+    fn subtract(
+        &self,
         body: &BondedParticles,
         bond: usize,
         held: &[Twist; 2],
+        share: f64,
         step: &mut Evolution<'_, f64>,
     ) {
         let half = step.q.len() / 2;
         for (i, held) in body.pairs()[bond].into_iter().zip(held) {
             let i = i as usize;
             for c in (0..3).filter(|_| i < self.owned) {
-                step.f_before[3 * i + c] -= held.linear[c];
-                step.f_before[half + 3 * i + c] -= held.angular[c];
+                step.f_before[3 * i + c] -= share * held.linear[c];
+                step.f_before[half + 3 * i + c] -= share * held.angular[c];
             }
         }
-        // An infinite strength is never reached, so the bond cannot break again.
-        self.strength[bond] = f64::INFINITY;
+    }
+
+    /// Strength of a bond without damage.
+    pub(super) fn first_strength(&self, body: &BondedParticles, bond: usize) -> f64 {
+        strength_of(&self.spec, body, bond)
     }
 
     /// Makes bonds unbreakable because they are broken already.

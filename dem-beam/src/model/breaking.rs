@@ -92,11 +92,12 @@ impl DemModel {
         let mut parts = fracture.parts.take();
         let released = self.release_broken(&mut fracture, parts.as_mut(), &mut step);
         fracture.parts = parts;
-        if !fracture.now.is_empty() {
-            let blocks = self.sever(&mut fracture);
+        let softened = fracture.softening.as_ref().is_some_and(|s| !s.now.is_empty());
+        if softened || !fracture.now.is_empty() {
+            self.sever(&mut fracture);
             let kernel = self.kernel.get_or_build(&self.body, self.halo.as_ref());
-            // The forces of this step still contain the bonds that broke in it.
-            kernel.recompute(&blocks, step.f);
+            // The forces of this step still contain what the bonds lost in it.
+            kernel.recompute(&fracture.changed, step.f);
         }
         self.fracture = Some(fracture);
         released
@@ -151,15 +152,23 @@ impl DemModel {
         }
     }
 
-    /// Removes the bonds that break now from body and kernel. Returns the blocks that held them, ascending.
-    fn sever(&mut self, fracture: &mut FractureState) -> Vec<usize> {
-        let mut blocks = Vec::new();
-        for &b in &fracture.now {
-            self.body.sever(b as usize);
-            let owned = self.body.pairs()[b as usize].into_iter().map(|i| i as usize);
+    /// Removes the bonds that break now, and the stiffness that others lose now, from body and kernel.
+    /// [`FractureState::changed`] then lists the blocks that hold them, ascending.
+    fn sever(&mut self, fracture: &mut FractureState) {
+        // Taken out while other parts of the state are read; the buffer stays, so that a step does not
+        // allocate.
+        let mut blocks = std::mem::take(&mut fracture.changed);
+        blocks.clear();
+        let mut change = |bond: usize| {
+            let owned = self.body.pairs()[bond].into_iter().map(|i| i as usize);
             let owned = owned.filter(|i| *i < self.nodes.len());
             blocks.extend(owned.map(|i| i / LANES));
-        }
+        };
+        fracture.now.iter().for_each(|b| change(*b as usize));
+        let softened = || fracture.softening.iter().flat_map(|s| &s.now);
+        softened().for_each(|(b, _)| change(*b as usize));
+        fracture.now.iter().for_each(|b| self.body.sever(*b as usize));
+        softened().for_each(|(b, left)| self.body.soften(*b as usize, *left));
         // Two bonds often share a block, which is rebuilt once.
         blocks.sort_unstable();
         blocks.dedup();
@@ -168,7 +177,7 @@ impl DemModel {
         let kernel = self.kernel.get_or_build(body, self.halo.as_ref());
         kernel.refresh(&blocks, body, &fracture.adjacency, &is_unbroken);
         fracture.follow(&blocks, body, &is_unbroken);
-        blocks
+        fracture.changed = blocks;
     }
 
     /// Returns the record of broken bonds, then the orientations under finite rotations.
@@ -233,7 +242,7 @@ impl DemModel {
         let local = self.body.pairs().len();
         let bonds = fracture.parts.as_ref().map_or(local, |p| p.bonds);
         let log = locked(&self.log);
-        vec![
+        let mut out = vec![
             ("broken bonds".into(), log.events().len() as f64),
             ("bonds".into(), bonds as f64),
             ("released energy [J]".into(), log.released()),
@@ -242,6 +251,10 @@ impl DemModel {
                 "first break [s]".into(),
                 log.events().first().map_or(-1.0, |e| e.time),
             ),
-        ]
+        ];
+        if fracture.softening.is_some() {
+            out.push(("softened bonds".into(), log.softened() as f64));
+        }
+        out
     }
 }

@@ -59,9 +59,9 @@ impl DemModel {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bond(b);
         match self.body.weights()[b] {
-            // Divides the stiffness that the ledger counts, so that its rounding is the same.
+            // Divides the stiffness that the ledger counts, damage included, so that its rounding is the same.
             weight if weight > 0.0 => bond.scale /= weight,
-            _ => bond.scale = 1.0 / bond.axis.norm(),
+            _ => bond.scale = self.body.left(b) / bond.axis.norm(),
         }
         let rest_span = bond.span();
         let rigidity = &reader.rigidity;

@@ -200,6 +200,11 @@ impl Components {
         root == self.largest || self.size[root as usize] >= SPAN
     }
 
+    /// Returns whether a sphere belongs to the largest set.
+    pub(crate) fn is_largest(&self, i: u32) -> bool {
+        self.root[i as usize] == self.largest
+    }
+
     /// Returns the smallest sphere number in the set of a sphere.
     pub(crate) fn root(&self, i: u32) -> u32 {
         self.root[i as usize]

@@ -123,6 +123,22 @@ impl Packing {
         removed
     }
 
+    /// Leaves out the spheres of all connected parts but the largest if they are at most the share `limit` of
+    /// the spheres; the others of their body take over their volume. Returns the number left out.
+    pub fn keep_largest_part(&mut self, limit: f64) -> usize {
+        let count = self.radii.len();
+        let components = Components::new(count, &self.pairs);
+        let retained: Vec<u32> = (0..count as u32).filter(|i| components.is_largest(*i)).collect();
+        let left_out = count - retained.len();
+        if left_out == 0 || left_out as f64 > limit * count as f64 {
+            return 0;
+        }
+        self.retain(&retained);
+        self.report.dropped += left_out;
+        self.report.coordination_retained = 2.0 * self.pairs.len() as f64 / self.radii.len() as f64;
+        left_out
+    }
+
     /// Keeps only the spheres with the numbers `retained` (ascending).
     pub(crate) fn retain(&mut self, retained: &[u32]) {
         renumber(&mut self.pairs, retained, self.radii.len());

@@ -21,6 +21,7 @@ mod parts;
 mod recovery;
 mod screen;
 mod shells;
+mod softening;
 mod stride;
 mod toughness;
 mod tumbling;

@@ -123,7 +123,8 @@ fn breaks(series: &Series, plan: &Plan, cells: usize) -> Result<Vec<u16>> {
         let now = frame.numbers(&array)?;
         out.resize(cells, WHOLE);
         for (first_broken, value) in out.iter_mut().zip(now) {
-            if *first_broken == WHOLE && value > 0.5 {
+            // Lower values are the damage of beams that soften.
+            if *first_broken == WHOLE && value >= 1.0 {
                 *first_broken = k as u16;
             }
         }

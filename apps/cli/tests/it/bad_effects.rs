@@ -71,6 +71,18 @@ fn effects_of_particles() {
             "a strength of 5.00e7 Pa with spheres of ",
         ),
         (
+            "fracture = { gc = 8.0, strength = 5e9, softening = true }",
+            "J/m2 and strength = 5e9 Pa exclude each other with spheres of mean diameter ",
+        ),
+        (
+            "fracture = { gc = 8.0, softening = true }",
+            "softening needs gc, the fracture energy of the body [J/m2], and strength",
+        ),
+        (
+            "fracture = { criterion = \"energy\", gc = 8.0, strength = 1e7, softening = true }",
+            "beams that soften have a criterion of their own",
+        ),
+        (
             "fracture = { criterion = \"axial\", strength = 1.0, weibull = 0.0 }",
             "Weibull modulus = 0",
         ),

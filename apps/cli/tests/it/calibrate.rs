@@ -191,6 +191,51 @@ fn a_shape_that_is_no_bar_is_replaced_by_one() {
     assert_eq!(chosen["beams"], fitted);
 }
 
+/// The command of the tutorial works as written: for every template with particles, as plain models and as
+/// zones, and for the scene whose packing holds four spheres that hang on each other alone.
+#[test]
+fn strength_of_every_template_and_of_a_plate_with_a_loose_piece() {
+    let folder = scratch("calibrate-templates");
+    let mut scenes = vec![scene("branching.toml")];
+    for template in ["bend", "impact", "plate"] {
+        let place = folder.join(template);
+        succeed(&["new", text(&place), "--template", template]);
+        let written = std::fs::read_dir(&place).unwrap().map(|e| e.unwrap().path());
+        let has_spheres = |p: &std::path::PathBuf| {
+            let is_scene = p.extension().is_some_and(|e| e == "toml");
+            is_scene && std::fs::read_to_string(p).unwrap().contains("kind = \"dem\"")
+        };
+        let with_spheres: Vec<_> = written.filter(has_spheres).collect();
+        assert_eq!(with_spheres.len(), 1, "{template}");
+        scenes.extend(with_spheres);
+    }
+    for scene in &scenes {
+        let asked = ["--strength", "--criterion", "axial", "--seeds", "2"];
+        let (notes, report) = calibrated(&[&[text(scene)], &asked[..]].concat());
+        assert!(notes.contains("is no bar along x"), "{notes}");
+        let ratio = number(&report, "/strength/rows/0/ratio/mean");
+        // Thin beams, which a higher Poisson's ratio asks for, are stronger: 26 in the zone of the plate.
+        assert!((3.0..40.0).contains(&ratio), "{}: {ratio}", scene.display());
+    }
+}
+
+/// A short bar, whose middle is stiffer than the whole, has no modulus but a strength.
+#[test]
+fn a_bar_without_a_uniform_modulus_has_a_strength() {
+    let scene = scene("direct-tension.toml");
+    let asked = ["calibrate", text(&scene), "--seeds", "1", "--json"];
+    assert_eq!(failure(&asked).1, Some(1));
+    let report = json(&[&asked[..], &["--strength", "--criterion", "axial"]].concat());
+    assert!(report["refused"].is_null());
+    let warnings = report["warnings"].as_array().unwrap();
+    assert!(
+        warnings
+            .iter()
+            .any(|w| w.as_str().unwrap().contains("the gauge section has"))
+    );
+    assert!((3.0..6.0).contains(&number(&report, "/strength/rows/0/ratio/mean")));
+}
+
 /// What a scene alone tells is refused before anything is packed: a million spheres would take minutes.
 #[test]
 fn a_scene_that_cannot_be_tested_is_refused_at_once() {

@@ -82,11 +82,13 @@ fn results_after((mut run, log): (Coupled<f64>, SharedLog), steps: usize) -> Res
         sums.extend(numbers.map(f64::from));
         sums.extend([e.time, e.released, e.distance, e.place.x, e.place.y, e.place.z]);
     }
+    let (log, bonds) = (log.read().unwrap(), bar(false).body().pairs().len());
+    sums.extend((0..bonds).map(|b| log.damage(b)));
     let s = &run.subdomains()[0];
     (bits(s.model(), &[&s.state().q, &s.state().v, &s.state().a]), sums)
 }
 
-fn cases() -> [Case; 6] {
+fn cases() -> [Case; 8] {
     let spec = |criterion, strength| Fracture {
         scatter: Scatter::Weibull { modulus: 5.0 },
         ..Fracture::new(criterion, strength)
@@ -99,6 +101,10 @@ fn cases() -> [Case; 6] {
     };
     let rankine = spec(Criterion::Rankine, 1.2e9);
     let particles = spec(Criterion::Hydrostatic, 150e6);
+    let soft = Fracture {
+        dissipated: Some(400.0),
+        ..spec(Criterion::TensileEnergy, 100.0)
+    };
     [
         case(rankine),
         Case {
@@ -123,6 +129,16 @@ fn cases() -> [Case; 6] {
             ..case(rankine)
         },
         case(particles),
+        case(soft),
+        Case {
+            finite: true,
+            weighted: true,
+            ..case(Fracture {
+                every: 2,
+                scatter: Scatter::None,
+                ..soft
+            })
+        },
         Case {
             finite: true,
             weighted: true,

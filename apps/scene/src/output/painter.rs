@@ -151,16 +151,17 @@ impl Painter {
         Ok((points, cells))
     }
 
-    /// Share of broken bonds of every particle (of a part: of the owned ones), and 1 for each broken bond.
+    /// Mean damage of the bonds of every particle (of a part: of the owned ones), and the damage of each
+    /// bond: 1 for a broken one.
     fn damage(&self, log: &BreakLog) -> [Vec<f64>; 2] {
         let points = self.piece.as_ref().map_or(self.grid.points.len(), |p| p.owned);
         let mut counts = vec![[0.0_f64; 2]; points];
         let mut count = |particle: u32, bond: usize| {
             let c = &mut counts[particle as usize];
-            c[0] += f64::from(u8::from(log.is_broken(bond)));
+            c[0] += log.damage(bond);
             c[1] += 1.0;
         };
-        let gone = |bond: usize| f64::from(u8::from(log.is_broken(bond)));
+        let gone = |bond: usize| log.damage(bond);
         let broken = match &self.piece {
             Some(piece) => {
                 piece.bonds.iter().for_each(|[i, b]| count(*i, *b as usize));

@@ -54,6 +54,17 @@ pub struct Filling {
 }
 
 impl Filling {
+    /// Mean diameter of the spheres that a table asks for by its spacing or their number \[m\].
+    pub fn mean_diameter(&self, table: &LoweredModel) -> Option<f64> {
+        let volume = match &self.container {
+            Container::Around(around) => around.part().volume(),
+            container => container.volume(),
+        };
+        let of_count = |count: usize| mean_diameter(volume, count as f64);
+        let spacing = table.spacing.filter(|s| *s > 0.0);
+        spacing.or_else(|| table.dem.count.filter(|n| *n > 0).map(of_count))
+    }
+
     /// Builds the container for the shape of a table; file names are relative to `folder`.
     pub fn from_table(key: &str, table: &LoweredModel, folder: &Path) -> Result<Self> {
         let plain = |container, shift| Self {

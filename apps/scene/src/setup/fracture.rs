@@ -43,8 +43,9 @@ pub(super) fn apply(
         };
         out.brittle = true;
         let path = format!("effect[{k}].fracture");
-        let spec = fracture(&path, f, (name, table))?;
-        packing.toughness = toughness(f, table, 2.0 * model.body().mean_radius());
+        let diameter = 2.0 * model.body().mean_radius();
+        let spec = fracture(&path, f, (name, table), Some(diameter))?;
+        packing.toughness = toughness(f, table, diameter);
         // With fracture off, the strengths only serve the warning that bonds would break.
         if !e.enabled {
             model = model.with_watched_strength(spec).map_err(dem(&path))?;
@@ -56,12 +57,33 @@ pub(super) fn apply(
     Ok((model, out))
 }
 
-/// Checks the fracture that effect `k` gives to its models.
+/// Diameter \[m\] that no sphere is below: beams of every other one pass its check of softening.
+const SMALLEST: f64 = 1e-12;
+
+/// Checks the fracture that effect `k` gives to its models, as far as the size of the spheres does not enter.
 pub(super) fn check(k: usize, e: &Effect, f: &spec::Fracture, scene: &LoweredScene) -> Result<()> {
     let (path, models) = (format!("effect[{k}].fracture"), effect_models(k, e, scene)?);
     let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
-    tables
-        .try_for_each(|(_, (name, table))| fracture(&path, f, (&format!("model.{name}"), table)).map(|_| ()))
+    tables.try_for_each(|(_, (name, table))| {
+        fracture(&path, f, (&format!("model.{name}"), table), table.spacing).map(|_| ())
+    })
+}
+
+/// Checks the fracture of one model before its spheres are made; `diameter` is the wanted mean \[m\].
+///
+/// # Errors
+/// Those of [`fracture`].
+pub(super) fn check_size(
+    (name, table): (&str, &LoweredModel),
+    effects: &[(usize, &Effect)],
+    diameter: Option<f64>,
+) -> Result<()> {
+    effects.iter().try_for_each(|(k, e)| match &e.kind {
+        EffectKind::Fracture(f) => {
+            fracture(&format!("effect[{k}].fracture"), f, (name, table), diameter).map(|_| ())
+        }
+        _ => Ok(()),
+    })
 }
 
 /// Returns whether the scene ends the run when a crack of model `m` runs into an overlap.
@@ -73,7 +95,7 @@ pub(crate) fn stops_at_overlap(scene: &LoweredScene, m: usize) -> bool {
     scene.effect.iter().enumerate().any(stopping)
 }
 
-/// Returns when the bonds of a model break.
+/// Returns when the bonds of a model break. `diameter` is the mean of its spheres \[m\], if it is known.
 ///
 /// # Errors
 /// Keys that are missing or exclude each other; values out of range.
@@ -81,6 +103,7 @@ pub(crate) fn fracture(
     path: &str,
     f: &spec::Fracture,
     (name, model): (&str, &LoweredModel),
+    diameter: Option<f64>,
 ) -> Result<Fracture> {
     let scatter = match (f.weibull, f.deviation) {
         (Some(_), Some(_)) => return Err(key(path, "weibull and deviation exclude each other; remove one")),
@@ -88,9 +111,22 @@ pub(crate) fn fracture(
         (None, Some(deviation)) => Scatter::Normal { deviation },
         (None, None) => Scatter::None,
     };
-    let ratio = beam(name, model)?.radius_ratio;
+    let beam = beam(name, model)?;
+    let ratio = beam.radius_ratio;
     let young = model.known_material(name)?.young;
     let base = match (f.gc, f.strength) {
+        (Some(gc), Some(strength)) if f.softening => {
+            if f.criterion.is_some() {
+                let rule = "beams that soften have a criterion of their own, the energy of tensile-energy; remove it";
+                return Err(key(format!("{path}.criterion"), rule));
+            }
+            Fracture::softening(gc, strength, &beam, diameter.unwrap_or(SMALLEST)).map_err(dem(path))?
+        }
+        _ if f.softening => {
+            let rule = "softening needs gc, the fracture energy of the body [J/m2], and strength, the axial stress [Pa] from which on \
+                        beams soften";
+            return Err(key(path, rule));
+        }
         (Some(gc), Some(strength)) => {
             return Err(key(
                 path,
@@ -167,15 +203,16 @@ fn contradiction(
     });
     format!(
         "{both}: {implied}{of_beams}the body has the toughness of gc and a strength of {body:.2e} Pa with spheres of \
-         {:.2e} m only; keep gc without a criterion of stresses, or remove gc",
+         {:.2e} m only; keep gc without a criterion of stresses, remove gc, or let beams soften from an axial stress on \
+         (softening = true, without a criterion)",
         diameter_of_both(young, gc, body)
     )
 }
 
 /// Returns the strength in tension of a model with spheres of this mean diameter \[m\] that follows from the
-/// fracture energy, if one is given.
+/// fracture energy, if one is given and the beams do not soften.
 fn toughness(f: &spec::Fracture, model: &LoweredModel, diameter: f64) -> Option<Toughness> {
-    let gc = f.gc?;
+    let gc = f.gc.filter(|_| !f.softening)?;
     Some(Toughness {
         gc,
         diameter,

@@ -138,13 +138,7 @@ pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result
     let triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
     let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(skin::facet).collect();
     let field = traction(path, l, &facets)?;
-    let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-    let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-    let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
-    let mut prescribed = Resultant::zero(middle);
-    for f in &facets {
-        prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
-    }
+    let prescribed = Resultant::of_facets(&facets, &field);
     let radii = &body.grid.radii;
     let gap = TOUCH * 0.5 * body.spacing;
     let (faces, points) = (Faces::new(triangles), body.model.nodes());

@@ -141,13 +141,7 @@ impl<'a> Shared<'a> {
         let (path, l) = (format!("load[{k}]"), &scene.load[k]);
         let (group, facets, skin) = surface(k, scene, &bodies[body], folder)?;
         let field = load::traction(&path, l, &facets)?;
-        let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-        let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
-        let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
-        let mut prescribed = Resultant::zero(middle);
-        for f in &facets {
-            prescribed.add(&f.centre, f.area(), &(field(f) * f.area()));
-        }
+        let prescribed = Resultant::of_facets(&facets, &field);
         let zones = names::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
             let joint = joints

@@ -1,5 +1,6 @@
 //! Forces on nodes or spheres that have a prescribed resultant.
 
+use super::load::Traction;
 use crate::error::{Result, key};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
@@ -79,15 +80,27 @@ pub(super) struct Resultant {
 
 impl Resultant {
     /// Starts without a load; moments are taken about a point.
-    pub(super) fn zero(about: Point3<f64>) -> Self {
+    fn zero(about: Point3<f64>) -> Self {
         Self {
             wrench: Wrench::zero(about),
             sizes: [0.0; 2],
         }
     }
 
+    /// Sums up tractions on facets \[Pa\], with moments about the centre of their area.
+    pub(super) fn of_facets(facets: &[SurfaceFacet<f64>], field: &Traction) -> Self {
+        let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
+        let sum = |s: Vector3<f64>, f: &SurfaceFacet<f64>| s + f.centre.coords * f.area();
+        let middle = Point3::from(facets.iter().fold(Vector3::zeros(), sum) / area);
+        let mut out = Self::zero(middle);
+        for f in facets {
+            out.add(&f.centre, f.area(), &(field(f) * f.area()));
+        }
+        out
+    }
+
     /// Adds a force on a facet with this centre and area \[m²\].
-    pub(super) fn add(&mut self, centre: &Point3<f64>, area: f64, force: &Vector3<f64>) {
+    fn add(&mut self, centre: &Point3<f64>, area: f64, force: &Vector3<f64>) {
         self.wrench.add(centre, force);
         self.sizes[0] += force.norm();
         self.sizes[1] += force.norm() * ((centre - self.wrench.about).norm() + area.sqrt());

@@ -250,22 +250,25 @@ fn usual_coefficient() -> f64 {
 /// Bonds that break.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(transform = schema::excludes("weibull", "deviation"), transform = schema::exactly_one("gc strength"))]
-#[schemars(extend("dependencies" = { "strength": ["criterion"], "gc": schema::energy_criterion() }))]
+#[schemars(transform = schema::excludes("weibull", "deviation"), transform = schema::fracture_keys)]
 #[non_exhaustive]
 pub struct Fracture {
-    /// Measure that is compared with the strength. Default: `tensile-energy` with `gc`; needed with
-    /// `strength`.
+    /// Measure that is compared with the strength; excludes `softening`. Default: `tensile-energy` with `gc`;
+    /// needed with `strength`.
     pub criterion: Option<CriterionKind>,
     /// Fracture energy of the body \[J/m²\]: what a crack takes per area that it opens. Sets the strength of
-    /// the beams; for `energy` and `tensile-energy`; excludes `strength`.
+    /// the beams; for `energy` and `tensile-energy`; excludes `strength` except with `softening`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub gc: Option<f64>,
     /// Strength of the beams (not of the packing) \[Pa\]; for `energy` and `tensile-energy` \[J/m²\], for
     /// `hydrostatic` of the particles \[Pa\]. With `weibull` the characteristic strength, else the mean.
-    /// Excludes `gc`.
+    /// Excludes `gc` except with `softening`, where it is the axial stress of the beams at their peak \[Pa\].
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub strength: Option<f64>,
+    /// True if beams soften: from `strength` on they lose stiffness along a line, until they have taken what
+    /// `gc` needs. Needs both, and spheres below the mean diameter at which beams would break at `strength`.
+    #[serde(default)]
+    pub softening: bool,
     /// Weibull modulus of the scatter between bonds \[–\]. Default: no scatter.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub weibull: Option<f64>,
@@ -296,6 +299,7 @@ impl Default for Fracture {
             criterion: None,
             gc: None,
             strength: None,
+            softening: false,
             weibull: None,
             deviation: None,
             seed: first_seed(),

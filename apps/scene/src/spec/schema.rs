@@ -91,9 +91,19 @@ pub(crate) fn excludes(key: &'static str, others: &'static str) -> impl Transfor
     }
 }
 
-/// Accepts no criterion, or one that compares energies.
-pub(crate) fn energy_criterion() -> Value {
-    json!({ "properties": { "criterion": { "enum": ["energy", "tensile-energy"] } } })
+/// Accepts a fracture energy with no criterion or one that compares energies, or a strength with its criterion;
+/// for beams that soften, both without a criterion.
+pub(crate) fn fracture_keys(schema: &mut Schema) {
+    let softening = json!({ "required": ["softening"], "properties": { "softening": { "const": true } } });
+    let both = json!({ "required": ["gc", "strength"], "properties": { "criterion": false } });
+    let energies = json!({ "properties": { "criterion": { "enum": ["energy", "tensile-energy"] } } });
+    let only = json!({
+        "oneOf": [{ "required": ["gc"] }, { "required": ["strength"] }],
+        "dependencies": { "strength": ["criterion"], "gc": energies },
+    });
+    schema.insert("if".into(), softening);
+    schema.insert("then".into(), both);
+    schema.insert("else".into(), only);
 }
 
 /// Requires `value` of a constant profile, and refuses `value` of all others.

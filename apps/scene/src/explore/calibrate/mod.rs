@@ -14,6 +14,7 @@ use crate::setup::packing::PackingLine;
 use crate::spec::Protocol;
 use arlequin::dem_beam::calibrate::{Elasticity, Spread, Statistics, beam_for, tension_test};
 use arlequin::dem_beam::homogenise::{Bulk, BulkStatistics, bulk};
+use arlequin::dem_beam::packing::LOOSE_LIMIT;
 use arlequin::dem_beam::{BeamMaterial, Packing};
 use sample::{Sample, Test};
 use serde::Serialize;
@@ -253,6 +254,10 @@ pub fn calibrate(wanted: &Wanted, source: Option<&Source>, progress: Progress<'_
         refused: None,
     };
     uniform(&results, &mut out);
+    if wanted.strength.is_some() && wanted.target.is_none() && wanted.toughness.is_none() {
+        // The strength of the beams over that of the bar does not depend on the modulus.
+        out.warnings.extend(out.refused.take());
+    }
     // Beams fitted to a refused modulus would be wrong as well.
     if out.refused.is_some() {
         return Ok(out);
@@ -313,7 +318,10 @@ fn uniform(results: &TestResults, out: &mut Calibration) {
 fn pack(sample: &Sample, progress: Progress<'_>) -> Result<Vec<Packing>> {
     let recipes = sample.recipes.iter().map(|r| &r.1);
     with_progress(recipes, "packings", progress, |r| {
-        r.clone().packing(&sample.key, &mut |_| ())
+        let mut packing = r.clone().packing(&sample.key, &mut |_| ())?;
+        // A few spheres that hang on each other alone would make the static system singular.
+        packing.keep_largest_part(LOOSE_LIMIT);
+        Ok(packing)
     })
 }
 

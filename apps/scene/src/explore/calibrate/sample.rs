@@ -10,7 +10,7 @@ use crate::spec::{DemTable, LooseKind, Material, ModelKind, Shape};
 use arlequin::core::nalgebra::Vector3;
 use arlequin::dem_beam::calibrate::Bar;
 use arlequin::dem_beam::packing::Container;
-use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_diameter, mean_sphere_volume};
+use arlequin::dem_beam::packing::size::{JAMMED_PERIODIC, mean_diameter, mean_sphere_volume, sphere_count};
 use arlequin::dem_beam::{BeamMaterial, Packing};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,6 +25,10 @@ const STANDARD: [f64; 2] = [36.0, 12.0];
 /// Length over mean diameter, and over width, from which on the shape of a scene is tested itself. At 17
 /// diameters the middle is 4 % stiffer than the whole.
 const STRAIGHT: [f64; 2] = [25.0, 2.0];
+
+/// Largest number of spheres of the shape of a scene that is tested itself, three times that of the standard
+/// bar. A test of a large plate would take an hour and tell the same.
+const MANY: f64 = 2e4;
 
 /// Kind of test.
 #[derive(Debug, Clone, Copy)]
@@ -77,7 +81,8 @@ impl Sample {
         // A zone has beams of its own rule, so they are read before another shape replaces it.
         let beam = beam(&model_key, &table)?;
         if wanted.toughness.is_some() {
-            let meant = Meant::new(bonds, &model_key, &table, beam)?;
+            let diameter = mean_size(wanted, &model_key, &given, &folder)?;
+            let meant = Meant::new(bonds, &model_key, (&table, diameter), beam)?;
             return strip::sample(wanted, &model_key, (&given, table), &folder, (beam, meant));
         }
         if wanted.periodic {
@@ -205,7 +210,8 @@ fn replace_shape(
         // In the scene's own shape, a number of spheres decides their size.
         let counted = wanted.count.filter(|n| *n > 0);
         let size = counted.map_or(wanted_size, |n| mean_diameter(bar.length * bar.area, n as f64));
-        if bar.length >= slender * width && bar.length >= long * largest(size) {
+        let few = sphere_count(bar.length * bar.area, size) <= MANY;
+        if few && bar.length >= slender * width && bar.length >= long * largest(size) {
             return Ok(None);
         }
     }
@@ -229,8 +235,8 @@ fn replace_shape(
         (table.dem.count, table.spacing) = (None, Some(wanted_size));
     }
     Ok(Some(format!(
-        "{model_key}.shape ({}) is no bar along x of {long} mean diameters (of {largest:.2e} m) and twice its width: a bar of {x:e} by \
-         {y:e} by {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
+        "{model_key}.shape ({}) is no bar along x of {long} mean diameters (of {largest:.2e} m), twice its width and of at most {MANY:e} \
+         spheres: a bar of {x:e} by {y:e} by {y:e} m of such spheres is tested in its place; --box, --cylinder or --periodic take another",
         given.shape.name()
     )))
 }

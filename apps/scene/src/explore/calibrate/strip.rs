@@ -7,8 +7,6 @@ use crate::setup::filling::Filling;
 use crate::setup::fracture::fracture;
 use crate::setup::{BodyShape, LoweredModel, LoweredScene};
 use crate::spec::{self, EffectKind, Shape};
-use arlequin::dem_beam::packing::Container;
-use arlequin::dem_beam::packing::size::mean_diameter;
 use arlequin::dem_beam::toughness::SHORTEST;
 use arlequin::dem_beam::{BeamMaterial, Criterion, Fracture};
 use std::path::{Path, PathBuf};
@@ -43,11 +41,12 @@ pub(super) fn bonds(scene: &LoweredScene, name: &str) -> Option<Bonds> {
 }
 
 impl Meant {
-    /// Returns the fracture of a model; without one, the fracture energy of silica.
+    /// Returns the fracture of a model with spheres of a mean diameter \[m\]; without one, the fracture
+    /// energy of silica.
     pub(super) fn new(
         bonds: Option<Bonds>,
         model_key: &str,
-        table: &LoweredModel,
+        (table, diameter): (&LoweredModel, Option<f64>),
         beam: BeamMaterial,
     ) -> Result<Self> {
         let Some((k, f)) = bonds else {
@@ -58,7 +57,7 @@ impl Meant {
             });
         };
         let path = format!("effect[{k}].fracture");
-        let fracture = fracture(&path, &f, (model_key, table))?;
+        let fracture = fracture(&path, &f, (model_key, table), diameter)?;
         Ok(Self {
             gc: f.gc,
             fracture: Fracture {
@@ -139,17 +138,11 @@ pub(super) fn mean_size(
     given: &LoweredModel,
     folder: &Path,
 ) -> Result<Option<f64>> {
+    // The shape, which may be a file, is only read where the size follows from it.
     let own = match (given.spacing, given.dem.count) {
-        (Some(spacing), _) if spacing > 0.0 => Some(spacing),
-        (None, Some(count)) if count > 0 => {
-            let filling = Filling::from_table(model_key, given, folder)?;
-            let volume = match &filling.container {
-                Container::Around(around) => around.part().volume(),
-                container => container.volume(),
-            };
-            Some(mean_diameter(volume, count as f64))
-        }
-        _ => None,
+        (None, None | Some(0)) => None,
+        (None, Some(_)) => Filling::from_table(model_key, given, folder)?.mean_diameter(given),
+        (spacing, _) => spacing.filter(|s| *s > 0.0),
     };
     Ok(wanted.spacing.filter(|d| *d > 0.0).or(own))
 }

@@ -10,7 +10,7 @@ use crate::setup::mesh::{self, Grid};
 use crate::setup::packing::{Likeness, PackingLine};
 use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
-use crate::setup::{BodyShape, LoweredModel, LoweredScene, grains, materials, notch};
+use crate::setup::{BodyShape, LoweredModel, LoweredScene, fracture, grains, materials, notch};
 use crate::spec::{ParticleFieldKind, Shape};
 use arlequin::cnem::NaturalField;
 use arlequin::cnem::natural::Interpolant;
@@ -157,6 +157,7 @@ impl Kind for Dem {
         let filling = Filling::from_table(key, table, folder)?;
         Recipe::check(key, table, folder, &filling)?;
         notch::check(&notch::knives(key, &table.dem.notch, folder)?, filling.ends())?;
+        fracture::check_size((key, table), order.effects, filling.mean_diameter(table))?;
         beam(key, table).map(|_| ())
     }
 
