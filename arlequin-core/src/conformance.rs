@@ -142,7 +142,7 @@ pub fn rigid_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Result<T
         2 => (turn.x, turn.y) = (T::zero(), T::zero()),
         _ => {}
     }
-    let q = if model.arms() == Arms::Current {
+    let q = if model.views().arms == Arms::Current {
         finite_motion(model, shift, turn)
     } else {
         // Scaled so that the border of the body moves by about the amplitude.
@@ -249,7 +249,7 @@ pub fn symmetric_forces<T: Real>(model: &mut dyn Model<T>, amplitude: T) -> Resu
     let layout = model.layout();
     // Torques are slopes of the energy at the rotations reached: with finite rotations their tangent is not
     // symmetric.
-    let turning = if model.arms() == Arms::Current {
+    let turning = if model.views().arms == Arms::Current {
         T::zero()
     } else {
         amplitude

@@ -115,8 +115,8 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, Stepping,
-    Stride, Views, Watching, check_size,
+    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, StepBound,
+    Stepping, Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

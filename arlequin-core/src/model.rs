@@ -189,11 +189,6 @@ pub trait Model<T: Real>: Send {
         None
     }
 
-    /// Positions about which the total moment of the internal forces vanishes.
-    fn arms(&self) -> Arms {
-        Arms::Reference
-    }
-
     /// Weighted internal energy \[J\]. Internal forces are minus its gradient; the gradient with respect to
     /// rotations is taken at the rotations of the last [`Model::advance`].
     fn internal_energy(&self, q: &[T]) -> T;
@@ -212,13 +207,6 @@ pub trait Model<T: Real>: Send {
     /// Errors of the internal forces.
     fn critical_step(&mut self, inverse_inertia: &[T]) -> Result<T> {
         crate::spectrum::critical_step(inverse_inertia, &mut |q, f| self.add_internal_forces(q, f))
-    }
-
-    /// Lower bound of [`Model::critical_step`] \[s\] for weights and inertia as they are, if the model finds
-    /// one at the cost of about one evaluation of its forces. A run whose step is given in seconds, below
-    /// this bound, is stable without a look at the spectrum. Collective.
-    fn step_bound(&self, _inverse_inertia: &[T]) -> Option<T> {
-        None
     }
 
     /// Changes of the model by itself (breaking bonds), if it makes any. The run keeps the state before each
@@ -283,6 +271,8 @@ pub trait Model<T: Real>: Send {
 pub struct Views<'a, T: Real> {
     /// Names of the effects that live in the model itself, as in reports: "fracture", "finite-rotations".
     pub effects: &'a [&'static str],
+    /// Positions about which the moments of the internal forces balance. Default: those at rest.
+    pub arms: Arms,
     /// Stiffness matrix of a linear model; the static twin and the harmonic analysis need it.
     pub linear: Option<&'a dyn LinearModel<T>>,
     /// Particles and the volumes they stand for \[m³\], if the model consists of particles. They say where
@@ -297,18 +287,22 @@ pub struct Views<'a, T: Real> {
     pub links: Option<&'a dyn Links<T>>,
     /// Report of the effects that a state would need.
     pub watching: Option<&'a dyn Watching<T>>,
+    /// Cheap bound of the critical step.
+    pub step_bound: Option<&'a dyn StepBound<T>>,
 }
 
 impl<T: Real> Default for Views<'_, T> {
     fn default() -> Self {
         Self {
             effects: &[],
+            arms: Arms::Reference,
             linear: None,
             particles: None,
             recovery: None,
             gradients: None,
             links: None,
             watching: None,
+            step_bound: None,
         }
     }
 }
@@ -345,6 +339,13 @@ pub struct Drawn<T> {
     pub internal: T,
     /// Kinetic part of the discrete invariant, `½ v₊ᵀMv₊ + ¼ (q_{n+1} − q_n)·(f_{n+1} − f_n)`.
     pub moving: T,
+}
+
+/// A model that bounds its critical step at the cost of about one evaluation of its forces. A run whose step
+/// is given in seconds, below this bound, is stable without a look at the spectrum.
+pub trait StepBound<T: Real> {
+    /// Lower bound of [`Model::critical_step`] \[s\] for weights as they are. Collective.
+    fn step_bound(&self, inverse_inertia: &[T]) -> T;
 }
 
 /// A model that makes whole steps itself. This pays for a model so fast that passes over its unknowns count:

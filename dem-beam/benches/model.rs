@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "a bench talks to a person")]
 
 use arlequin_core::{
-    Coupled, Guard, Model, Partition, Silent, Subdomain, TimeStep, Uniform, Weight, Weights,
+    Coupled, Guard, Model, Partition, Silent, StepBound, Subdomain, TimeStep, Uniform, Weight, Weights,
 };
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{
@@ -259,7 +259,7 @@ fn critical(packing: &Packing) -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     let longest = m.critical_step(&inverse)?;
     let middle = Instant::now();
-    let bound = m.step_bound(&inverse).unwrap_or_default();
+    let bound = m.step_bound(&inverse);
     let [lanczos, blocks] = [middle - start, middle.elapsed()].map(|t| t.as_secs_f64());
     println!(
         "critical step {lanczos:6.3} s, its bound {blocks:6.3} s: {:4.3} of the time, {:4.3} of the step",

@@ -6,7 +6,7 @@ use crate::support::solid;
 use arlequin::core::nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, Vector3};
 use arlequin::core::{
     Arms, CoarseModel, Coupled, DofLayout, Interpolation, L2, Model, Profile, Result, Silent, Subdomain,
-    TimeStep, Warning, Weight, Weights, conformance,
+    TimeStep, Views, Warning, Weight, Weights, conformance,
 };
 use arlequin::fem_ref::{ElementKind, FemField, FemModel, Mesh};
 use std::sync::Arc;
@@ -94,8 +94,10 @@ impl Model<f64> for Finite {
     fn critical_step(&mut self, inverse: &[f64]) -> Result<f64> {
         Ok(0.7 * self.linear.critical_step(inverse)?)
     }
-    fn arms(&self) -> Arms {
-        Arms::Current
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.arms = Arms::Current;
+        views
     }
 }
 

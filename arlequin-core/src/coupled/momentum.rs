@@ -266,7 +266,7 @@ impl<T: Real> Subdomain<T> {
     /// Linear momentum \[kg m/s\] and angular momentum about the origin \[kg m²/s\], with the arms of the
     /// model, over all ranks. Collective.
     pub fn momentum(&self) -> [Vector3<T>; 2] {
-        momentum_of(self, self.model().arms(), &Vector3::zeros()).momenta
+        momentum_of(self, self.model().views().arms, &Vector3::zeros()).momenta
     }
 }
 
@@ -386,7 +386,7 @@ impl<T: Real> Coupled<T> {
         let mut outside = None;
         for s in members.iter().map(|k| &self.subdomains[*k]) {
             let name = s.model().name();
-            laws.push((format!("the law of '{name}'"), s.model().arms()));
+            laws.push((format!("the law of '{name}'"), s.model().views().arms));
             // A support may lie on another rank: all ranks must come to the same claim.
             let held = s.supports().iter().map(|m| m.dofs.len()).sum::<usize>();
             if s.owned().largest(T::of(held as f64)) > T::zero() {

@@ -180,7 +180,13 @@ impl<T: Real> Subdomain<T> {
     ///
     /// If a lower bound of it is not below the own step `asked`, this bound is returned, with `true`.
     pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>], asked: Option<T>) -> Result<(T, bool)> {
-        let bound = asked.and_then(|dt| Some((dt, self.model.step_bound(&self.inverse_inertia)?)));
+        let bound = |dt| {
+            Some((
+                dt,
+                self.model.views().step_bound?.step_bound(&self.inverse_inertia),
+            ))
+        };
+        let bound = asked.and_then(bound);
         if let Some((dt, bound)) = bound.map(|(dt, free)| (dt, self.with_demands(free, between)))
             && dt <= bound
         {

@@ -50,7 +50,7 @@ use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
     Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    Owned, ParticleField, State, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
+    Owned, ParticleField, State, StepBound, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -373,14 +373,6 @@ impl Model<f64> for DemModel {
         self.fracture.is_none().then_some(self as _)
     }
 
-    fn arms(&self) -> Arms {
-        if self.has_finite_rotations() {
-            Arms::Current
-        } else {
-            Arms::Reference
-        }
-    }
-
     /// Returns the sum of the weighted bond energies \[J\]. `q` must have the length of the layout.
     fn internal_energy(&self, q: &[f64]) -> f64 {
         self.energy(q)
@@ -407,11 +399,6 @@ impl Model<f64> for DemModel {
             critical::largest(space, self.kernel.get_or_build(&self.body, halo.as_ref()))
         };
         Ok(spectrum::step_of(top?))
-    }
-
-    fn step_bound(&self, inverse_inertia: &[f64]) -> Option<f64> {
-        let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
-        Some(spectrum::step_of(self.owned().largest(top)))
     }
 
     fn evolving(&mut self) -> Option<&mut dyn Evolving<f64>> {
@@ -448,13 +435,22 @@ impl Model<f64> for DemModel {
         // The active effects are a range of this list, because either end may be left out.
         let names = &["fracture", "finite-rotations"];
         let mut views = Views::default();
+        views.arms = if turns { Arms::Current } else { Arms::Reference };
         views.effects = &names[usize::from(self.fracture.is_none())..1 + usize::from(turns)];
         views.linear = (!turns && self.halo.is_none()).then_some(self as _);
         views.particles = self.field.samples();
         views.recovery = Some(self);
         views.links = Some(self);
         views.watching = Some(self);
+        views.step_bound = Some(self);
         views
+    }
+}
+
+impl StepBound<f64> for DemModel {
+    fn step_bound(&self, inverse_inertia: &[f64]) -> f64 {
+        let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
+        spectrum::step_of(self.owned().largest(top))
     }
 }
 

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use arlequin_core::{
-    Arms, Coupled, DofLayout, Guard, Model, ParticleField, Partition, PrescribedMotion, Silent, Subdomain,
-    TimeFunction, TimeStep, Weight, Weights,
+    Coupled, DofLayout, Guard, Model, ParticleField, Partition, PrescribedMotion, Silent, Subdomain,
+    TimeFunction, TimeStep, Views, Weight, Weights,
 };
 use dem_beam::packing::{Lattice, lattice};
 use dem_beam::{BeamMaterial, Criterion, DemModel, Fracture};
@@ -38,8 +38,10 @@ impl Model<f64> for Plain {
     fn advance(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {
         self.0.advance(q, f)
     }
-    fn arms(&self) -> Arms {
-        self.0.arms()
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.arms = self.0.views().arms;
+        views
     }
     fn internal_energy(&self, q: &[f64]) -> f64 {
         self.0.internal_energy(q)

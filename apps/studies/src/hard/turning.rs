@@ -3,7 +3,7 @@
 use super::{HardCase, Outcome, step_of_blow_up};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
-    Arms, Coupled, DofLayout, FineModel, Model, Result, Silent, Subdomain, TimeStep, Weight, Weights,
+    Coupled, DofLayout, FineModel, Model, Result, Silent, Subdomain, TimeStep, Views, Weight, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, DemModel};
@@ -52,8 +52,10 @@ impl Model<f64> for Forgetful {
     fn critical_step(&mut self, inverse_inertia: &[f64]) -> Result<f64> {
         self.0.critical_step(inverse_inertia)
     }
-    fn arms(&self) -> Arms {
-        self.0.arms()
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.arms = self.0.views().arms;
+        views
     }
 }
 

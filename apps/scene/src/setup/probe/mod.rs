@@ -189,7 +189,7 @@ impl Row {
             (None, Some(selection)) if probe.quantity == Quantity::Rotation => {
                 let nodes = select::nodes(&format!("{path}.where"), body, selection)?;
                 let [row, stretch] = rotation(path, body, &nodes, c)?;
-                along_arms = (body.model.arms() == Arms::Current).then_some(stretch);
+                along_arms = (body.model.views().arms == Arms::Current).then_some(stretch);
                 row
             }
             (Some(at), None) => {
