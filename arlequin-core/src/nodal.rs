@@ -1,7 +1,7 @@
 //! Weights at the nodes, as in the literature; kept for comparison, for any linear model.
 
 use crate::Owned;
-use crate::model::{Arms, DofLayout, Model, Views};
+use crate::model::{DofLayout, Model, Views};
 use crate::parallel;
 use crate::record::Record;
 use crate::scalar::check_finite;
@@ -90,6 +90,7 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
     fn views(&self) -> Views<'_, T> {
         Views {
             linear: None,
+            step_bound: None,
             ..self.model.views()
         }
     }
@@ -126,10 +127,6 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
 
     fn advance(&mut self, q: &[T], f: &mut [T]) -> Result<()> {
         self.weigh(f, |model, g| model.advance(q, g))
-    }
-
-    fn arms(&self) -> Arms {
-        self.model.arms()
     }
 
     fn internal_energy(&self, q: &[T]) -> T {

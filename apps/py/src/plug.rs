@@ -8,7 +8,7 @@ use crate::shapes::{Connectivity, Mesh, field_of, node_numbers};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::snapshot::Record;
-use arlequin::core::{Arms, DofLayout, Error, Interpolation, Model, Result, Weight};
+use arlequin::core::{Arms, DofLayout, Error, Interpolation, Model, Result, Views, Weight};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -313,8 +313,10 @@ pub(crate) fn inertia(about: &Described, weight: &dyn Weight<f64>, out: &mut [f6
 impl Model<f64> for PythonModel {
     as_described!();
 
-    fn arms(&self) -> Arms {
-        self.about.arms
+    fn views(&self) -> Views<'_, f64> {
+        let mut views = Views::default();
+        views.arms = self.about.arms;
+        views
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> Result<()> {

@@ -96,7 +96,7 @@ impl<T: Real> Subdomain<T> {
         unknowns: impl Iterator<Item = usize>,
         about: &Point3<T>,
     ) -> Resultant<T> {
-        let layout = self.model.layout();
+        let (layout, arms) = (self.model.layout(), self.model.views().arms);
         // Exact sums have the same bits on any number of ranks.
         let mut sums = [Exact::zero(); 6];
         let mut add = |k: usize, x: T| sums[k].add(x.as_f64());
@@ -108,7 +108,7 @@ impl<T: Real> Subdomain<T> {
                     let mut force = Vector3::zeros();
                     force[d % layout.components] = forces[d];
                     add(d % layout.components, forces[d]);
-                    let arm = self.arm(d / layout.components, about, self.model.arms());
+                    let arm = self.arm(d / layout.components, about, arms);
                     let moment = arm.cross(&force);
                     (0..3).for_each(|c| add(3 + c, moment[c]));
                 }
@@ -148,7 +148,7 @@ impl<T: Real> Subdomain<T> {
         power: &dyn Fn(&[T], &mut Exact),
     ) -> Resultant<T> {
         let layout = self.model.layout();
-        let arms = arms.unwrap_or_else(|| self.model.arms());
+        let arms = arms.unwrap_or_else(|| self.model.views().arms);
         let mut motion = vec![T::zero(); layout.dofs()];
         let mut sums = [Exact::zero(); 6];
         for c in 0..3 {
