@@ -38,6 +38,26 @@ fn one_grade_everywhere_scales_energy_and_mass() {
 
 /// A row of spheres of two grades stretches like springs `k` in a row: three soft bonds, one of a soft and a
 /// stiff half, three stiff ones.
+/// Stresses must count the stiffness of each bond, not that of the material of the packing.
+#[test]
+fn stresses_scale_with_the_grade() {
+    let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 200, 1)
+        .build()
+        .unwrap();
+    let plain = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    let graded = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    let graded = graded.with_grades(|_| [2.5, 0.5]).unwrap();
+    let q: Vec<f64> = (0..plain.layout().dofs())
+        .map(|i| 1e-7 * (i as f64).sin())
+        .collect();
+    let survey = |m: &DemModel| m.views().links.unwrap().survey(&q).unwrap();
+    let (plain, graded) = (survey(&plain), survey(&graded));
+    for (a, b) in plain.stresses.iter().zip(&graded.stresses) {
+        // Stored stiffnesses have 24 bits.
+        assert!((a.von_mises() * 2.5 / b.von_mises() - 1.0).abs() < 1e-6);
+    }
+}
+
 #[test]
 fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
     let row = lattice(Lattice::Cubic, [8, 1, 1], 0.5e-3).unwrap();

@@ -343,3 +343,25 @@ fn supports_and_loads() {
         assert!(x.linear.x >= 0.0);
     }
 }
+
+/// The ledger draws its energies from the pass of the forces. They must be those of the bonds one by one, under
+/// both laws and any weight, and the draw must leave the reached orientations alone.
+#[test]
+fn energy_of_the_force_pass_is_that_of_the_bonds() {
+    for finite in [false, true] {
+        let mut model = model(packing());
+        if finite {
+            model = model.with_finite_rotations();
+        }
+        model.set_internal_weight(&arlequin_core::Uniform(0.3)).unwrap();
+        let q = join(&random(model.nodes().len(), 1e-6, 2e-2));
+        let mut f = vec![0.0; q.len()];
+        model.advance(&q, &mut f).unwrap();
+        let next: Vec<f64> = q.iter().map(|x| 1.01 * x).collect();
+        let (expected, drawn) = (model.internal_energy(&next), model.energy_from_forces(&next));
+        assert!((drawn / expected - 1.0).abs() < 1e-12, "{drawn:e} {expected:e}");
+        let mut again = vec![0.0; q.len()];
+        model.add_internal_forces(&q, &mut again).unwrap();
+        assert!(f.iter().zip(&again).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+}
