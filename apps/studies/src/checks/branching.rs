@@ -3,8 +3,7 @@
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs};
-use crate::crack::{Broken, CrackPath, Fork, Plate};
-use arlequin::dem_beam::fracture::locked;
+use crate::crack::{Broken, CrackPath, Fork, Plate, broken};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
 const TEXT: &str = include_str!("../../scenes/branching.toml");
@@ -28,14 +27,7 @@ pub fn breaks(diameter: f64, seed: u64, traction: f64) -> Result<Vec<Broken>> {
         .set("load.0.traction", format!("[0.0, {traction:e}, 0.0]"))?
         .set("load.1.traction", format!("[0.0, {:e}, 0.0]", -traction))?;
     let results = scene.prepare()?.run(&mut Silent)?;
-    let logs = results.breaks.iter().flatten();
-    let events = logs.flat_map(|log| locked(log).events().to_vec());
-    let broken = events.map(|e| Broken {
-        time: e.time,
-        place: [e.place.x, e.place.y],
-        released: e.released,
-    });
-    Ok(broken.collect())
+    Ok(broken(&results))
 }
 
 /// Returns the measured crack of [`breaks`].
@@ -55,17 +47,6 @@ fn rayleigh() -> f64 {
     let shear = (young / (2.0 * (1.0 + nu) * density)).sqrt();
     // The usual fit of the root of Rayleigh's equation.
     shear * (0.862 + 1.14 * nu) / (1.0 + nu)
-}
-
-/// Mean and half of the range of numbers.
-pub(super) fn spread(values: &[f64]) -> [f64; 2] {
-    let n = values.len() as f64;
-    let (low, high) = values
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
-            (a.min(*x), b.max(*x))
-        });
-    [values.iter().sum::<f64>() / n, 0.5 * (high - low)]
 }
 
 /// Cracks of all seeds under one traction.
@@ -96,9 +77,7 @@ impl Series {
     }
 
     fn row(&self, what: &str, values: &[f64], accept: Accept) -> Check {
-        let [mean, half] = spread(values);
-        let check = Check::new(self.name(what), mean, accept);
-        check.note(format!("± {half:.3} over {} seeds", values.len()))
+        Check::over_seeds(&self.name(what), values, accept)
     }
 
     /// Rows that both tractions have.
