@@ -1,11 +1,13 @@
-//! A blunt ball on silica: load and place of the ring, angle of the cone, against the radius of the ball, with
+//! A blunt ball on silica: load and place of the ring and angle of the cone for several radii of the ball, with
 //! bonds or particles that break.
 
 use super::check::{Accept, Check};
 use super::edge::power;
 use super::{Figure, Report, Runs, measured};
 use crate::crack::{Broken, Plate, Rising, events};
+use arlequin::dem_beam::fracture::Break;
 use arlequin_scene::{Result, Scene, Silent, Source};
+use std::f64::consts::FRAC_PI_2;
 
 const TEXT: &str = include_str!("../../scenes/blunt-ball.toml");
 /// Radii of the ball \[m\].
@@ -17,8 +19,10 @@ const DIAMETER: f64 = 0.3e-3;
 const GC: f64 = 8.0;
 /// Depth over which a break belongs to the ring, and depth over which the cone is measured \[m\].
 const DEPTHS: [f64; 2] = [0.6e-3, 2.4e-3];
-/// A ring breaks in four of the six sectors of the quarter.
-const SECTORS: [usize; 2] = [6, 4];
+/// A ring breaks in five of the six sectors of the quarter.
+const SECTORS: [usize; 2] = [6, 5];
+/// Breaks of a ring per mean diameter of its length.
+const DENSITY: f64 = 2.0;
 /// Distance of a ring from the axis, at least, over the radius of the contact.
 const BESIDE: f64 = 1.1;
 const SEEDS: [u64; 3] = [1, 2, 3];
@@ -45,6 +49,36 @@ pub struct Cone {
     pub places: [Vec<f64>; 2],
 }
 
+/// Distance of a break from the axis \[m\].
+fn axis(b: &Break) -> f64 {
+    b.place.x.hypot(b.place.y)
+}
+
+/// Returns the time at which a ring has formed beside the contact of radius `contact(time)` \[s\], and its
+/// radius, the median of its breaks \[m\]. It forms at once: half or one and a half of the number of breaks
+/// lead to the same time.
+fn first_ring(breaks: &[Break], contact: &dyn Fn(f64) -> f64) -> Option<[f64; 2]> {
+    let mut sectors = [false; SECTORS[0]];
+    let mut places: Vec<f64> = Vec::new();
+    for b in breaks {
+        let place = axis(b);
+        if b.place.z < -DEPTHS[0] || place < BESIDE * contact(b.time) {
+            continue;
+        }
+        places.insert(places.partition_point(|p| *p < place), place);
+        let k = b.place.y.atan2(b.place.x) / FRAC_PI_2 * SECTORS[0] as f64;
+        if let Some(sector) = sectors.get_mut(k as usize) {
+            *sector = true;
+        }
+        let median = places[places.len() / 2];
+        let long_enough = places.len() as f64 >= DENSITY * FRAC_PI_2 * median / DIAMETER;
+        if long_enough && sectors.iter().filter(|s| **s).count() >= SECTORS[1] {
+            return Some([b.time, median]);
+        }
+    }
+    None
+}
+
 /// Returns the crack under a ball of this radius \[m\].
 ///
 /// # Errors
@@ -65,36 +99,15 @@ pub fn press(seed: u64, radius: f64, fracture: &str) -> Result<Cone> {
     let results = scene.prepare()?.run(&mut Silent)?;
     let breaks = events(&results);
     let contact = |time: f64| CONTACT * (time / DURATION).sqrt();
-    let axis = |b: &arlequin::dem_beam::fracture::Break| b.place.x.hypot(b.place.y);
-    let mut sectors = [false; SECTORS[0]];
-    let mut formed = None;
-    for b in &breaks {
-        if b.place.z < -DEPTHS[0] || axis(b) < BESIDE * contact(b.time) {
-            continue;
-        }
-        let k = b.place.y.atan2(b.place.x) / std::f64::consts::FRAC_PI_2 * SECTORS[0] as f64;
-        if let Some(sector) = sectors.get_mut(k as usize) {
-            *sector = true;
-        }
-        if sectors.iter().filter(|s| **s).count() >= SECTORS[1] {
-            formed = Some(b.time);
-            break;
-        }
-    }
-    let time = formed.unwrap_or(f64::NAN);
-    let near = |b: &&arlequin::dem_beam::fracture::Break| {
-        b.place.z > -DEPTHS[0] && axis(b) > BESIDE * contact(b.time) && b.time <= time
-    };
-    let mut places: Vec<f64> = breaks.iter().filter(near).map(axis).collect();
-    places.sort_by(f64::total_cmp);
-    let ring = places.get(places.len() / 2).copied().unwrap_or(f64::NAN);
+    let [time, ring] = first_ring(&breaks, &contact).unwrap_or([f64::NAN; 2]);
     let (times, forces) = (&results.recorded.probes.times, measured(&results, "load")?);
     let k = times.partition_point(|t| *t < time);
     // Four quarters.
     let load = forces.get(k).map_or(f64::NAN, |f| 4.0 * f.abs());
+    let load = if time.is_finite() { load } else { f64::NAN };
     let plate = Plate {
         ends: [0.0, DEPTHS[1]],
-        thickness: std::f64::consts::FRAC_PI_2 * ring,
+        thickness: FRAC_PI_2 * ring,
         diameter: DIAMETER,
     };
     let outside = breaks.iter().map(|b| Broken {
@@ -105,7 +118,7 @@ pub fn press(seed: u64, radius: f64, fracture: &str) -> Result<Cone> {
     let cone = Rising::new(plate, ring, &outside.collect::<Vec<_>>());
     let under = breaks.iter().filter(|b| axis(b) < contact(b.time)).count();
     Ok(Cone {
-        load: if formed.is_some() { load } else { f64::NAN },
+        load,
         ring: ring / contact(time),
         angle: cone.angle(),
         under: under as f64 / breaks.len().max(1) as f64,
@@ -138,7 +151,11 @@ pub(super) fn cone(done: &Runs) -> Result<Report> {
         }
         let count = cones.len() as f64;
         let rings = cones.iter().filter(|c| c.load.is_finite()).count() as f64;
-        let over = |f: &dyn Fn(&Cone) -> f64| cones.iter().map(f).collect::<Vec<f64>>();
+        // A run without a ring has neither radius nor angle; the first row counts it.
+        let over = |f: &dyn Fn(&Cone) -> f64| {
+            let values = cones.iter().map(f).filter(|x| x.is_finite());
+            values.collect::<Vec<f64>>()
+        };
         let row = |what: &str, values: &[f64], accept: Accept| {
             Check::over_seeds(&format!("{name}: {what}"), values, accept)
         };

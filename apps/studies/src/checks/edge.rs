@@ -1,7 +1,7 @@
 //! Edge-cracked bars in tension at rest: strength over the length of the crack.
 
 use super::check::{Accept, Check};
-use super::{Figure, Report, Runs, last, measured};
+use super::{Figure, Report, Runs, UntilTorn, last, measured};
 use crate::crack::{broken, slope};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
@@ -35,7 +35,7 @@ pub fn strength(seed: u64, crack: f64) -> Result<[f64; 2]> {
         .set("model.bar.dem.seed", seed)?
         .set("model.bar.dem.notch", notch)?
         .set("support.1.motion.amplitude", format!("{elongation:e}"))?;
-    let results = scene.prepare()?.run(&mut Silent)?;
+    let results = scene.prepare()?.run(&mut UntilTorn::default())?;
     let peak = measured(&results, "load")?.iter().fold(0.0_f64, |p, f| p.max(*f));
     let breaks = broken(&results);
     let near = breaks

@@ -18,11 +18,13 @@ pub mod strip;
 mod theory;
 
 use arlequin_scene::error::{Error, Result, unknown};
-use arlequin_scene::{Progress, Results};
+use arlequin::core::Coupled;
+use arlequin_scene::{Observer, Progress, Results};
 use beams::{Record, RunSpec};
 pub use check::{Accept, Check, short};
 pub use solids::cantilever_cell;
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -256,8 +258,8 @@ pub fn choose(cases: &'static [Case], names: &[String]) -> Result<Vec<&'static C
     names.iter().map(find).collect()
 }
 
-/// Returns all checks of a case of [`CASES`] or [`FRACTURE`] that needs no scene runs, quick variants, without
-/// pictures.
+/// Returns all checks of the quick variant of a case of [`CASES`] or [`FRACTURE`] that needs no scene runs,
+/// without pictures.
 ///
 /// # Errors
 /// An unknown name; failed runs.
@@ -358,6 +360,24 @@ pub fn in_parallel<T: Sync, R: Send>(
     };
     let results = slots.into_iter().map(|s| s.into_inner().ok().flatten());
     results.map(|r| r.unwrap_or_else(|| Err(lost()))).collect()
+}
+
+/// Ends a run at rest as soon as its body is torn: its energy is then below a fifth of the highest.
+#[derive(Debug, Default)]
+struct UntilTorn {
+    highest: f64,
+}
+
+impl Observer for UntilTorn {
+    fn step(&mut self, run: &Coupled<f64>, _planned: usize) -> ControlFlow<()> {
+        let energy = run.energy();
+        self.highest = self.highest.max(energy);
+        if energy < 0.2 * self.highest {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    }
 }
 
 /// Values of a probe of a run.
