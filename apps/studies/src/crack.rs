@@ -1,5 +1,8 @@
 //! The path of a crack through a plate, measured from its breaks: branches, speed, released energy.
 
+use arlequin::dem_beam::fracture::{Break, locked};
+use arlequin_scene::Results;
+
 /// Distance of two breaks across the crack beyond which they belong to different branches, in spheres.
 const GAP: f64 = 3.0;
 /// Breaks in a slice of one branch that the crack has passed through, over the number expected: less is
@@ -13,6 +16,24 @@ const BOTH: f64 = 0.8;
 const BESIDE: f64 = 2.5;
 /// Length over which a speed is measured \[spheres\].
 const RUN: f64 = 20.0;
+
+/// Breaks of all models of a run.
+#[must_use]
+pub fn events(results: &Results) -> Vec<Break> {
+    let logs = results.breaks.iter().flatten();
+    logs.flat_map(|log| locked(log).events().to_vec()).collect()
+}
+
+/// Broken bonds of a run, placed by their x and y.
+#[must_use]
+pub fn broken(results: &Results) -> Vec<Broken> {
+    let place = |e: Break| Broken {
+        time: e.time,
+        place: [e.place.x, e.place.y],
+        released: e.released,
+    };
+    events(results).into_iter().map(place).collect()
+}
 
 /// A bond that broke.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -300,7 +321,7 @@ pub fn released_beside(breaks: &[Broken], [from, to]: [f64; 2], diameter: f64) -
 }
 
 /// Slope of the second numbers over the first, by least squares.
-fn slope(rows: &[[f64; 2]]) -> f64 {
+pub(crate) fn slope(rows: &[[f64; 2]]) -> f64 {
     let n = rows.len() as f64;
     let mean = rows
         .iter()

@@ -142,7 +142,12 @@ const LEFT_OUT: [(&str, &str); 8] = [
 ];
 
 /// Commands that take minutes; the page that has them states their results.
-const LONG: [&str; 10] = [
+const LONG: [&str; 14] = [
+    "arlequin run examples/scenes/edge-crack.toml",
+    "arlequin run examples/scenes/double-cantilever.toml",
+    // The page of that run.
+    "arlequin view arms",
+    "arlequin run examples/scenes/pure-shear.toml",
     "arlequin run examples/scenes/branching.toml",
     // The page of that run.
     "arlequin view fork",
@@ -158,10 +163,13 @@ const LONG: [&str; 10] = [
 
 /// The pages with commands, and the shipped scene that stands for `SCENE.toml` there. The tutorials share one
 /// folder, as for a reader who follows them.
-const PAGES: [(&str, &str, &str); 12] = [
+const PAGES: [(&str, &str, &str); 15] = [
     ("../README.md", "readme", ""),
     ("branching.md", "branching", ""),
     ("kalthoff.md", "kalthoff", ""),
+    ("edge-cracks.md", "edge-cracks", ""),
+    ("cone.md", "cone", ""),
+    ("circles.md", "circles", ""),
     ("introduction.md", "tutorials", ""),
     ("tutorial/plate.md", "tutorials", ""),
     ("tutorial/bend.md", "tutorials", ""),
@@ -196,6 +204,8 @@ fn every_page_with_commands_is_run() {
 fn the_pages_of_long_runs_have_no_other_commands() {
     run_pages("branching", 0);
     run_pages("plate-impact", 0);
+    run_pages("edge-cracks", 0);
+    run_pages("circles", 0);
 }
 
 #[test]
@@ -226,6 +236,11 @@ fn the_commands_of_the_page_on_results_run() {
 #[test]
 fn the_commands_of_the_page_on_the_struck_plate_run() {
     run_pages("kalthoff", 1);
+}
+
+#[test]
+fn the_commands_of_the_page_on_the_blunt_ball_run() {
+    run_pages("cone", 2);
 }
 
 #[test]

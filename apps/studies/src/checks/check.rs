@@ -105,6 +105,20 @@ impl Check {
         }
     }
 
+    /// Returns a check of the mean over several packings, with half of the range as its remark.
+    pub(super) fn over_seeds(quantity: &str, values: &[f64], accept: Accept) -> Self {
+        let [mean, half] = spread(values);
+        let check = Self::new(quantity, mean, accept);
+        check.note(format!("± {half:.3} over {} seeds", values.len()))
+    }
+
+    /// Takes a reference, with its source, to which the check is compared.
+    #[must_use]
+    pub(super) fn beside(self, reference: f64, source: &str) -> Self {
+        let with = Self::build(self.quantity, self.ours, Some(reference), source, self.accept);
+        with.note(self.note)
+    }
+
     /// Takes the check out of the table, unless it fails.
     #[must_use]
     pub fn unlisted(mut self) -> Self {
@@ -118,6 +132,17 @@ impl Check {
         self.note = text.into();
         self
     }
+}
+
+/// Mean and half of the range of numbers.
+pub(super) fn spread(values: &[f64]) -> [f64; 2] {
+    let n = values.len() as f64;
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+            (a.min(*x), b.max(*x))
+        });
+    [values.iter().sum::<f64>() / n, 0.5 * (high - low)]
 }
 
 impl Serialize for Accept {

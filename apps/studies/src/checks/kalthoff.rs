@@ -1,11 +1,9 @@
 //! A plate struck between two notches (Kalthoff and Winkler): a crack leaves the notch at about 70° and the
 //! struck edge stays whole.
 
-use super::branching::spread;
-use super::check::{Accept, Check};
+use super::check::{Accept, Check, spread};
 use super::{Figure, Report, Runs};
-use crate::crack::{Broken, Plate, Rising};
-use arlequin::dem_beam::fracture::locked;
+use crate::crack::{Broken, Plate, Rising, broken};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
 const TEXT: &str = include_str!("../../scenes/kalthoff.toml");
@@ -28,14 +26,7 @@ pub fn breaks(diameter: f64, seed: u64) -> Result<Vec<Broken>> {
         .set("model.plate.spacing", format!("{diameter:e}"))?
         .set("model.plate.dem.seed", seed)?;
     let results = scene.prepare()?.run(&mut Silent)?;
-    let logs = results.breaks.iter().flatten();
-    let events = logs.flat_map(|log| locked(log).events().to_vec());
-    let broken = events.map(|e| Broken {
-        time: e.time,
-        place: [e.place.x, e.place.y],
-        released: e.released,
-    });
-    Ok(broken.collect())
+    Ok(broken(&results))
 }
 
 /// Returns the crack that rises from the notch.
@@ -64,11 +55,7 @@ pub(super) fn kalthoff(done: &Runs) -> Result<Report> {
     let series = series.collect::<Result<Vec<_>>>()?;
     let cracks: Vec<Rising> = series.iter().map(|b| crack(diameter, b)).collect();
     let of = |f: &dyn Fn(&Rising) -> f64| cracks.iter().map(f).collect::<Vec<f64>>();
-    let row = |what: &str, values: &[f64], accept: Accept| {
-        let [mean, half] = spread(values);
-        let check = Check::new(what, mean, accept);
-        check.note(format!("± {half:.3} over {} seeds", values.len()))
-    };
+    let row = Check::over_seeds;
     let [angle, half] = spread(&of(&|c| c.angle().to_degrees()));
     let hoop = Check::against(
         "angle of the crack to the notch [deg]",

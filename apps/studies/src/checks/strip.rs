@@ -3,8 +3,7 @@
 
 use super::check::{Accept, Check};
 use super::{Report, Runs};
-use crate::crack::{Broken, released_beside};
-use arlequin::dem_beam::fracture::locked;
+use crate::crack::{broken, released_beside};
 use arlequin::dem_beam::{BeamMaterial, Criterion};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
@@ -45,14 +44,7 @@ pub fn released_share(criterion: Criterion, diameter: f64, ratio: f64, seed: u64
         .set("model.strip.dem.radius_ratio", format!("{ratio:?}"))?
         .set("effect.0.fracture", fracture)?;
     let results = scene.prepare()?.run(&mut Silent)?;
-    let logs = results.breaks.iter().flatten();
-    let events = logs.flat_map(|log| locked(log).events().to_vec());
-    let broken = events.map(|e| Broken {
-        time: e.time,
-        place: [e.place.x, e.place.y],
-        released: e.released,
-    });
-    let broken: Vec<Broken> = broken.collect();
+    let broken = broken(&results);
     let area = (ENDS[1] - ENDS[0]) * THICKNESS;
     Ok(released_beside(&broken, ENDS, diameter) / area / strength)
 }
