@@ -1,4 +1,4 @@
-//! What changes hands carries the state of the model that gives it.
+//! Transfer of state: mass that changes hands carries the state of the model that gives it.
 //!
 //! `T` is the coarse field at a fine node; for rotations and spins half the curl of it. `Π` fits, at a coarse
 //! node `J`, a linear function to the fine nodes `i` with the weights `m_i N_J(x_i)`, and takes its value at
