@@ -59,7 +59,9 @@ pub fn strength(seed: u64, parts: [Option<f64>; 3]) -> Result<f64> {
             part * ELONGATION
         );
     }
-    let results = Scene::from_text(text)?.prepare()?.run(&mut UntilTorn::default())?;
+    let results = Scene::from_text(text)?
+        .prepare()?
+        .run(&mut UntilTorn::default())?;
     let peak = measured(&results, "force")?
         .iter()
         .fold(0.0_f64, |p, f| p.max(*f));

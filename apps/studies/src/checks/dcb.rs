@@ -1,5 +1,5 @@
 //! Double cantilever at rest: the energy that a running crack takes, by the load, by the opening and by the
-//! ledger.
+//! work of the grips.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs, last, measured};
@@ -75,7 +75,7 @@ fn elements(crack: f64) -> Result<f64> {
 /// Energies per area of a running crack \[J/m²\].
 #[derive(Debug, Clone)]
 pub struct Taken {
-    /// Energy lost by the ledger of the grips: their work less the elastic energy.
+    /// Work of the grips less the elastic energy `F δ/2`.
     pub lost: f64,
     /// Mean of the closed form of the load, over the length of the crack.
     pub by_load: f64,

@@ -17,8 +17,8 @@ mod strength;
 pub mod strip;
 mod theory;
 
-use arlequin_scene::error::{Error, Result, unknown};
 use arlequin::core::Coupled;
+use arlequin_scene::error::{Error, Result, unknown};
 use arlequin_scene::{Observer, Progress, Results};
 use beams::{Record, RunSpec};
 pub use check::{Accept, Check, short};
@@ -216,7 +216,7 @@ pub static FRACTURE: [Case; 7] = [
     ),
     cheap(
         "dcb",
-        "double cantilever at rest: energy by load, by opening and by the ledger",
+        "double cantilever at rest: energy by load, by opening and by the grips",
         dcb::dcb,
     ),
     cheap(
