@@ -93,7 +93,8 @@ pub struct LinkSurvey<T> {
     pub axial: Vec<T>,
     /// Force across every bond \[N\], never negative.
     pub shear: Vec<T>,
-    /// Load over strength of every bond \[–\], at one of which it breaks; `None` if the strength is not known.
+    /// Load over strength of every bond \[–\], at one of which it breaks; `None` if the strength is not
+    /// known.
     pub utilisation: Option<Vec<T>>,
 }
 

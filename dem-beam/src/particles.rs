@@ -341,7 +341,7 @@ impl BondedParticles {
     }
 
     /// Share of its stiffness that bond `b` has left; one for a bond without weight.
-    pub(crate) fn left(&self, bond: usize) -> f64 {
+    pub(crate) fn stiffness_share(&self, bond: usize) -> f64 {
         match self.softened(bond, 1.0) {
             whole if whole > 0.0 => self.scales[bond] / whole,
             _ => 1.0,

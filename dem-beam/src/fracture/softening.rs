@@ -55,7 +55,7 @@ impl Damage {
     }
 }
 
-/// What a bond loses in a step: all, or a part of its stiffness.
+/// Loss of a bond in a step: all of its stiffness, or a part.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Loss {
     /// The break; for a bond that stays, the same facts without a break. Its energy is that of this step
@@ -79,7 +79,7 @@ impl Softening {
     }
 
     /// Share of the stiffness left at a load over the first strength.
-    fn left(&self, load: f64, first: f64) -> f64 {
+    fn stiffness_share(&self, load: f64, first: f64) -> f64 {
         let (r, last) = ((load / first).sqrt(), self.dissipated / first);
         if r <= 1.0 {
             1.0
@@ -125,7 +125,7 @@ impl FractureState {
     /// that it loses and its damage; `None` if too little is lost to be stored.
     pub(super) fn weaken(&mut self, body: &BondedParticles, bond: usize, load: f64) -> Option<(f64, Damage)> {
         let left = match &self.softening {
-            Some(softening) => softening.left(load, self.first_strength(body, bond)),
+            Some(softening) => softening.stiffness_share(load, self.first_strength(body, bond)),
             None => 0.0,
         };
         let damage = Damage {

@@ -33,7 +33,7 @@ use rayon::prelude::*;
 /// Bonds whose values wait at a time for their sums over particles.
 const BATCH: usize = 1 << 14;
 
-/// What a bond carries without its weight.
+/// Force, moment and energy that a bond carries without its weight.
 #[derive(Debug)]
 struct Carried {
     /// Vector between the centres \[m\] ⊗ force on the first particle \[N\], symmetric part.
@@ -59,9 +59,10 @@ impl DemModel {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let mut bond = self.body.bond(b);
         match self.body.weights()[b] {
-            // Divides the stiffness that the ledger counts, damage included, so that its rounding is the same.
+            // Divides the stiffness that the ledger counts, damage included, so that its rounding is the
+            // same.
             weight if weight > 0.0 => bond.scale /= weight,
-            _ => bond.scale = self.body.left(b) / bond.axis.norm(),
+            _ => bond.scale = self.body.stiffness_share(b) / bond.axis.norm(),
         }
         let rest_span = bond.span();
         let rigidity = &reader.rigidity;

@@ -344,8 +344,8 @@ fn supports_and_loads() {
     }
 }
 
-/// The ledger draws its energies from the pass of the forces. They must be those of the bonds one by one, under
-/// both laws and any weight, and the draw must leave the reached orientations alone.
+/// The ledger draws its energies from the pass of the forces. They must be those of the bonds one by one,
+/// under both laws and any weight, and the draw must leave the reached orientations alone.
 #[test]
 fn energy_of_the_force_pass_is_that_of_the_bonds() {
     for finite in [false, true] {

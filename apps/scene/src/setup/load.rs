@@ -5,7 +5,7 @@ use super::faces::Faces;
 use super::kinds::kind;
 use super::select;
 use super::skin::{self, Skin};
-use super::spread::{Carrier, Carriers, Resultant, distribute, make_up, polar, turn};
+use super::spread::{Carrier, Carriers, Resultant, Traction, distribute, make_up, polar, turn};
 use super::time::time_function;
 use crate::error::{Error, Result, core, key};
 use crate::setup::LoweredModel;
@@ -14,9 +14,6 @@ use arlequin::core::TimeFunction;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::TOUCH;
-
-/// Traction \[Pa\] on a facet.
-pub(super) type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
 
 /// Name of load `k` in the ledger.
 pub(super) fn name(k: usize, l: &Load) -> String {

@@ -10,8 +10,8 @@
 use super::body::Body;
 use super::faces::{Faces, corners_of};
 use super::interface::BuiltInterface;
-use super::load::{self, Traction};
-use super::spread::{Carriers, Resultant, Wrench, make_up};
+use super::load;
+use super::spread::{Carriers, Resultant, Traction, Wrench, make_up};
 use super::{names, select, time, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::setup::{BodyShape, LoweredScene};

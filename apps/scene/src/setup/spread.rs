@@ -1,10 +1,12 @@
 //! Forces on nodes or spheres that have a prescribed resultant.
 
-use super::load::Traction;
 use crate::error::{Result, key};
 use arlequin::core::effect::SurfaceFacet;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::BTreeMap;
+
+/// Traction \[Pa\] on a facet.
+pub(super) type Traction = Box<dyn Fn(&SurfaceFacet<f64>) -> Vector3<f64>>;
 
 /// Largest relative error of a distributed load.
 const LEFT: f64 = 1e-9;

@@ -91,8 +91,8 @@ pub(crate) fn excludes(key: &'static str, others: &'static str) -> impl Transfor
     }
 }
 
-/// Accepts a fracture energy with no criterion or one that compares energies, or a strength with its criterion;
-/// for beams that soften, both without a criterion.
+/// Accepts a fracture energy with no criterion or one that compares energies, or a strength with its
+/// criterion; for beams that soften, both without a criterion.
 pub(crate) fn fracture_keys(schema: &mut Schema) {
     let softening = json!({ "required": ["softening"], "properties": { "softening": { "const": true } } });
     let both = json!({ "required": ["gc", "strength"], "properties": { "criterion": false } });

@@ -18,8 +18,8 @@ const THICKNESS: f64 = 2e-3;
 const MIDDLE: f64 = 20e-3;
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Returns the broken bonds of the plate under a traction \[Pa\] with a fracture energy \[J/m²\], and spheres of
-/// this mean diameter \[m\].
+/// Returns the broken bonds of the plate under a traction \[Pa\] with a fracture energy \[J/m²\], for spheres
+/// of this mean diameter \[m\].
 ///
 /// # Errors
 /// Values that the scene cannot take.

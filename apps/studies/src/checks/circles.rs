@@ -1,5 +1,6 @@
 //! Two of the nine circles of elastic brittle fracture (Kamarei, Zheng, Dolbow, Lopez-Pamies, CMAME
-//! 448:118449, arXiv 2507.00266), at rest: the strength surface of uniform specimens, and the pure-shear test.
+//! 448:118449, arXiv 2507.00266), at rest: the strength surface of uniform specimens, and the pure-shear
+//! test.
 
 use super::check::{Accept, Check, spread};
 use super::{Report, Runs, UntilTorn, last, measured};

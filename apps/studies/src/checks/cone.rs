@@ -1,5 +1,5 @@
-//! A blunt ball on silica: load and place of the ring and angle of the cone for several radii of the ball, with
-//! bonds or particles that break.
+//! A blunt ball on silica: load and place of the ring and angle of the cone for several radii of the ball,
+//! with bonds or particles that break.
 
 use super::check::{Accept, Check};
 use super::edge::power;
