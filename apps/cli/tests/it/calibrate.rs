@@ -210,7 +210,7 @@ fn strength_of_every_template_and_of_a_plate_with_a_loose_piece() {
         scenes.extend(with_spheres);
     }
     for scene in &scenes {
-        let asked = ["--strength", "--criterion", "axial", "--seeds", "2"];
+        let asked = ["--strength", "--criterion", "axial"];
         let (notes, report) = calibrated(&[&[text(scene)], &asked[..]].concat());
         assert!(notes.contains("is no bar along x"), "{notes}");
         let ratio = number(&report, "/strength/rows/0/ratio/mean");

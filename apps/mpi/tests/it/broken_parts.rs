@@ -102,8 +102,8 @@ fn cases() -> [Case; 8] {
     let rankine = spec(Criterion::Rankine, 1.2e9);
     let particles = spec(Criterion::Hydrostatic, 150e6);
     let soft = Fracture {
-        dissipated: Some(25.0),
-        ..spec(Criterion::TensileEnergy, 10.0)
+        dissipated: Some(40.0),
+        ..spec(Criterion::TensileEnergy, 16.0)
     };
     [
         case(rankine),

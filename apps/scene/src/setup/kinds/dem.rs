@@ -157,12 +157,13 @@ impl Kind for Dem {
         let filling = Filling::from_table(key, table, folder)?;
         Recipe::check(key, table, folder, &filling)?;
         notch::check(&notch::knives(key, &table.dem.notch, folder)?, filling.ends())?;
-        fracture::check_size((key, table), order.effects, filling.mean_diameter(table))?;
         beam(key, table).map(|_| ())
     }
 
     fn check_in(&self, _: &LoweredScene, order: &Order<'_>) -> Result<()> {
         grains::check_loose(order.key, order.table, order.effects)?;
+        let diameter = Filling::from_table(order.key, order.table, order.folder)?.mean_diameter(order.table);
+        fracture::check_size((order.key, order.table), order.effects, diameter)?;
         grains::check_single(order.name, order.effects)
     }
 
