@@ -113,7 +113,7 @@ fn stretched_bent_and_twisted_beams_take_the_same_energy() {
     let taken = |direction: [f64; 4], steps: u32| {
         let mut model = bond();
         let [stretch, shear, twist, bend] = direction;
-        let mut unit = vec![0.0; 12];
+        let mut unit = [0.0; 12];
         (unit[3], unit[4]) = (stretch, shear);
         (unit[9], unit[11]) = (twist, bend);
         let log = model.break_log();
