@@ -26,8 +26,8 @@ const CRACKS: [f64; 2] = [12e-3, 16e-3];
 const RUNS: f64 = 3e-3;
 const SEEDS: [u64; 3] = [1, 2, 3];
 /// States of stress: name, elongations along x, y and z over the largest one (`None` is free), and the
-/// strength of soda-lime glass over that in uniaxial tension (table 2 of the paper has 40 megapascal there and
-/// 27.8 in hydrostatic tension; 27 and 44.4 follow from the two by its surface of Drucker and Prager).
+/// strength of soda-lime glass over that in uniaxial tension. Table 2 of the paper has 40 megapascal there
+/// and 27.8 in hydrostatic tension; 27 and 44.4 follow from the two by its surface of Drucker and Prager.
 const STATES: [(&str, [Option<f64>; 3], f64); 4] = [
     ("uniaxial", [Some(1.0), None, None], 1.0),
     ("biaxial", [Some(1.0), Some(1.0), None], 27.0 / 40.0),
