@@ -142,7 +142,7 @@ fn stretched_bent_and_twisted_beams_take_the_same_energy() {
     }
 }
 
-/// Returns a run of a bar whose right end is pulled at `speed` \[m/s\], and its log.
+/// Returns a run of a bar of `n` layers whose right end is pulled at a constant speed, and its log.
 fn pulled(n: usize, finite: bool, spec: Fracture) -> (Coupled<f64>, SharedLog) {
     let packing = lattice(Lattice::Cubic, [n, 3, 3], R).unwrap();
     let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
@@ -166,7 +166,8 @@ fn pulled(n: usize, finite: bool, spec: Fracture) -> (Coupled<f64>, SharedLog) {
         .with_support(PrescribedMotion::fixed(held))
         .with_support(PrescribedMotion {
             dofs: moving,
-            amplitude: 4.0,
+            // The law of finite rotations keeps the energy in smooth motions; a blow would end the run.
+            amplitude: if finite { 1.0 } else { 4.0 },
             time: TimeFunction::Table(vec![(0.0, 0.0), (1.0, 1.0)]),
         });
     let run = Coupled::new(vec![side], Vec::new(), TimeStep::Fraction(0.8), None).unwrap();
