@@ -2,7 +2,7 @@
 //! fine mediators against their parts, frames, memory and packings.
 //!
 //! ```text
-//! cargo bench --bench scenes                      all of it, in less than five minutes
+//! cargo bench --bench scenes                      all of it
 //! cargo bench --bench scenes -- effects output    some of effects, coupling, mediator, output and packing
 //! ```
 //!

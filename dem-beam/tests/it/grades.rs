@@ -17,14 +17,18 @@ fn energy_and_mass(model: &DemModel, q: &[f64]) -> [f64; 2] {
     ]
 }
 
-#[test]
-fn one_grade_everywhere_scales_energy_and_mass() {
+/// Returns a packing with the grade 1, and with stiffnesses 2.5 and densities 0.5 times as large.
+fn plain_and_graded() -> [DemModel; 2] {
     let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 400, 3)
         .build()
         .unwrap();
-    let plain = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-    let graded = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-    let graded = graded.with_grades(|_| [2.5, 0.5]).unwrap();
+    let model = || DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+    [model(), model().with_grades(|_| [2.5, 0.5]).unwrap()]
+}
+
+#[test]
+fn one_grade_everywhere_scales_energy_and_mass() {
+    let [plain, graded] = plain_and_graded();
     let q: Vec<f64> = (0..plain.layout().dofs())
         .map(|k| 1e-6 * (0.7 * k as f64).sin())
         .collect();
@@ -36,17 +40,10 @@ fn one_grade_everywhere_scales_energy_and_mass() {
     );
 }
 
-/// A row of spheres of two grades stretches like springs `k` in a row: three soft bonds, one of a soft and a
-/// stiff half, three stiff ones.
 /// Stresses must count the stiffness of each bond, not that of the material of the packing.
 #[test]
 fn stresses_scale_with_the_grade() {
-    let packing = PackingSpec::quench(Container::cylinder(4e-3, 1e-3).unwrap(), 200, 1)
-        .build()
-        .unwrap();
-    let plain = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-    let graded = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
-    let graded = graded.with_grades(|_| [2.5, 0.5]).unwrap();
+    let [plain, graded] = plain_and_graded();
     let q: Vec<f64> = (0..plain.layout().dofs())
         .map(|i| 1e-7 * (i as f64).sin())
         .collect();
@@ -58,6 +55,8 @@ fn stresses_scale_with_the_grade() {
     }
 }
 
+/// A row of spheres of two grades stretches like springs `k` in a row: three soft bonds, one of a soft and a
+/// stiff half, three stiff ones.
 #[test]
 fn a_row_of_two_grades_stretches_as_springs_in_a_row() {
     let row = lattice(Lattice::Cubic, [8, 1, 1], 0.5e-3).unwrap();
