@@ -8,6 +8,9 @@
 //! G = E u²/(2 (1 − ν²) H) = σ² h (1 − ν²)/E,   σ = E u/((1 − ν²) H),   h = H/2   (free sides, plane stress)
 //! ```
 //!
+//! The spheres at a clamp move as one, so that `H` is the distance between the two layers of their centres:
+//! about a diameter less than the height of the box.
+//!
 //! A crack that starts at a given elongation `u` therefore runs through at this `G`, however much less it
 //! needs. The test follows the crack instead, as a testing machine under control of the crack's opening does:
 //! the clamps open while the crack lies behind a place that moves at [`SPEED`] wave speeds, and close while
@@ -109,6 +112,8 @@ impl Strip {
 /// Result of a toughness test. Energies are per area of the crack in its plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Toughness {
+    /// Height that stretches \[m\]: the distance between the centres of the two clamped layers, in the mean.
+    pub height: f64,
     /// Elongation, root of the mean square over the bonds that broke \[m\].
     pub elongation: f64,
     /// Elongation at which the first bond broke \[m\].
@@ -183,6 +188,8 @@ pub fn toughness_test(
 
 /// Static equilibrium of the strip under a small elongation.
 struct Opened {
+    /// Distance between the centres of the two clamped layers, in the mean \[m\].
+    height: f64,
     /// Unknowns of the model: displacements \[m\], then rotations \[rad\].
     q: Vec<f64>,
     /// Particles at the two clamps.
@@ -201,6 +208,10 @@ impl Opened {
         }
         // Statics is linear, and the run scales the solution: any small value will do.
         let elongation = 1e-4 * height;
+        let centre = |clamp: &Vec<usize>| {
+            clamp.iter().map(|&i| body.positions()[i].y).sum::<f64>() / clamp.len() as f64
+        };
+        let between = centre(&clamps[1]) - centre(&clamps[0]);
         let mut problem = StaticProblem::free(body.len());
         for (start, x) in problem.start.iter_mut().zip(body.positions()) {
             // Uniform strain as the first guess is near the solution and saves iterations.
@@ -220,6 +231,7 @@ impl Opened {
         let u = &solution.displacements;
         let q = u.iter().flat_map(linear).chain(u.iter().flat_map(angular));
         Ok(Self {
+            height: between,
             q: q.collect(),
             clamps,
             elongation,
@@ -323,7 +335,7 @@ impl Servo<'_> {
                 released,
             });
             if passed {
-                return Ok(self.evaluate(&samples, locked(&log).events()));
+                return Ok(self.evaluate(&samples, locked(&log).events(), opened.height));
             }
             let place = broken as f64 / self.density / height;
             let value = control.next(now / transit, place, window / transit);
@@ -379,7 +391,7 @@ impl Servo<'_> {
 
     /// Evaluates the passage of the crack along the measured length. The crack has passed a place when as
     /// many bonds are broken as break behind the place in the whole test.
-    fn evaluate(&self, samples: &[Sample], events: &[Break]) -> Toughness {
+    fn evaluate(&self, samples: &[Sample], events: &[Break], height: f64) -> Toughness {
         let ends = self.strip.measured();
         let counts = ends.map(|x| events.iter().filter(|e| e.place.x < x).count());
         let at = counts.map(|n| samples.partition_point(|s| s.broken < n).min(samples.len() - 1));
@@ -395,6 +407,7 @@ impl Servo<'_> {
         let length = ends[1] - ends[0];
         let area = length * self.strip.size[2];
         Toughness {
+            height,
             elongation: (square / broken).sqrt(),
             first: self.first,
             lost: (first.left - last.left) / area,

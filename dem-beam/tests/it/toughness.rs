@@ -33,7 +33,7 @@ fn test(packing: &Packing, strip: &Strip, gc: f64) -> Result<Toughness, Error> {
     toughness_test(packing, beam, strip, fracture)
 }
 
-/// The strip loses what strip theory says at the elongation at which the crack runs, within 20 %: in one
+/// The strip loses what strip theory says at the elongation at which the crack runs, within 15 %: in one
 /// small strip, and with the waves of its clamps. The bonds release their fracture energy, within 20 %.
 #[test]
 fn a_slow_crack_takes_the_energy_of_strip_theory() {
@@ -47,8 +47,13 @@ fn a_slow_crack_takes_the_energy_of_strip_theory() {
     let young = tension_test(&body, &bar).unwrap().young;
     let strip = Strip { young, ..strip(SIZE) };
     let t = test(&packing, &strip, GC).unwrap();
-    let theory = young * t.elongation.powi(2) / (2.0 * SIZE[1] * (1.0 - NU * NU));
-    assert!((t.lost / theory - 1.0).abs() < 0.2, "{theory}: {t:?}");
+    // The clamped layers lie half a sphere inside of the box.
+    assert!(
+        (SIZE[1] - t.height - 2.0 * packing.report.mean_radius).abs() < 0.2e-3,
+        "{t:?}"
+    );
+    let theory = young * t.elongation.powi(2) / (2.0 * t.height * (1.0 - NU * NU));
+    assert!((t.lost / theory - 1.0).abs() < 0.15, "{theory}: {t:?}");
     assert!((t.released / GC - 1.0).abs() < 0.2, "{t:?}");
     // Waves leave with the rest, and the clamps follow the crack.
     assert!(t.lost > 1.3 * t.released, "{t:?}");

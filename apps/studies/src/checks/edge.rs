@@ -2,7 +2,7 @@
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs, UntilTorn, last, measured};
-use crate::crack::{broken, slope};
+use crate::crack::{Broken, broken, released_beside, slope};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
 const TEXT: &str = include_str!("../../scenes/edge-crack.toml");
@@ -18,7 +18,8 @@ const SILICA: [f64; 3] = [72.5e9, 0.17, 8.0];
 const DIAMETER: f64 = 1e-3;
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Strength of a bar \[Pa\], and the energy that its bonds released per area of the ligament \[J/m²\].
+/// Strength of a bar \[Pa\], and the energy that its bonds released per area of the ligament \[J/m²\], two spheres
+/// at its two ends left out: a layer of spheres at a face has fewer bonds.
 ///
 /// # Errors
 /// A crack that the scene cannot take.
@@ -37,14 +38,19 @@ pub fn strength(seed: u64, crack: f64) -> Result<[f64; 2]> {
         .set("support.1.motion.amplitude", format!("{elongation:e}"))?;
     let results = scene.prepare()?.run(&mut UntilTorn::default())?;
     let peak = measured(&results, "load")?.iter().fold(0.0_f64, |p, f| p.max(*f));
-    let breaks = broken(&results);
-    let near = breaks
-        .iter()
-        .filter(|b| (b.place[0] - 0.5 * length).abs() <= 4.0 * DIAMETER);
-    let released: f64 = near.map(|b| b.released).sum();
+    // The crack runs along y.
+    let turned: Vec<Broken> = broken(&results)
+        .into_iter()
+        .map(|b| Broken {
+            place: [b.place[1], b.place[0]],
+            ..b
+        })
+        .collect();
+    let ends = [crack + 2.0 * DIAMETER, width - 2.0 * DIAMETER];
+    let area = (ends[1] - ends[0]) * thickness;
     Ok([
         peak / (width * thickness),
-        released / ((width - crack) * thickness),
+        released_beside(&turned, ends, DIAMETER) / area,
     ])
 }
 

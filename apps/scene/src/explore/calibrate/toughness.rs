@@ -100,15 +100,13 @@ pub(super) fn test_toughness(
         return Err(key(KEY, "a strip has no fracture; report this"));
     };
     let strip = |young: f64| Strip { low, size, young };
-    let square = twin(&strip(elastic.young.mean), nu)?;
     let seeds = sample.recipes.iter().map(|r| r.0);
     let work: Vec<_> = seeds.zip(packings).zip(bars).collect();
     let strips = with_progress(work.into_iter(), "strips", progress, |((seed, packing), bar)| {
         // With the modulus of this packing: packings of other seeds have others.
         let strip = strip(bar.young);
         let test = toughness_test(packing, sample.beam, &strip, fracture).map_err(dem(&sample.key))?;
-        // The twin's J is proportional to the modulus.
-        let j = square * bar.young / elastic.young.mean * test.elongation.powi(2);
+        let j = twin(&strip, test.height, nu)? * test.elongation.powi(2);
         Ok(line(seed, &strip, nu, j, &test))
     })?;
     let mean = |f: fn(&StripTest) -> f64| {
@@ -144,7 +142,7 @@ pub(super) fn test_toughness(
 
 fn line(seed: Option<u64>, strip: &Strip, nu: f64, j: f64, test: &Toughness) -> StripTest {
     // Plane stress, between clamps that keep the strip from narrowing along the crack.
-    let theory = |u: f64| strip.young * u * u / (2.0 * strip.size[1] * (1.0 - nu * nu));
+    let theory = |u: f64| strip.young * u * u / (2.0 * test.height * (1.0 - nu * nu));
     StripTest {
         seed,
         elongation: test.elongation,
@@ -158,10 +156,10 @@ fn line(seed: Option<u64>, strip: &Strip, nu: f64, j: f64, test: &Toughness) -> 
     }
 }
 
-/// Returns J over the square of the elongation \[J/m⁴\] of a strip of finite elements with the crack in the
-/// middle of the measured length.
-fn twin(strip: &Strip, nu: f64) -> Result<f64> {
-    let [length, height, thickness] = strip.size;
+/// Returns J over the square of the elongation \[J/m⁴\] of a strip of finite elements, as high as the spheres
+/// between their clamps, with the crack in the middle of the measured length.
+fn twin(strip: &Strip, height: f64, nu: f64) -> Result<f64> {
+    let [length, _, thickness] = strip.size;
     let element = height / TWIN as f64;
     let count = |x: f64| ((x / element).round() as usize).max(2);
     let along = count(length);
