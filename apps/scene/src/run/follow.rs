@@ -12,7 +12,7 @@
 //!
 //! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
 //! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
-//! join as well that are near to it ([`AHEAD`], [`SOON`]).
+//! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support stay with the body.
 
 use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
@@ -61,6 +61,8 @@ pub(crate) struct Follow {
     /// Elements that share a node with each element.
     neighbours: Vec<Vec<u32>>,
     middles: Vec<Vector3<f64>>,
+    /// For each element: the support for which it stays with the body.
+    barred: Vec<Option<usize>>,
 }
 
 /// Shape functions of a field at a point inside it, and the way from there to a point that may lie outside.
@@ -95,10 +97,12 @@ impl Placed {
     }
 }
 
-/// What a look finds: the elements that the zone should have, and the worst bond that slept.
+/// What a look finds: the elements that the zone should have, the worst bond that slept, and a support that
+/// keeps the zone from where bonds are loaded.
 struct Look {
     core: Vec<bool>,
     late: Option<(usize, f64)>,
+    barred: Option<usize>,
 }
 
 impl Follow {
@@ -141,6 +145,7 @@ impl Follow {
                 late: false,
             },
             neighbours: neighbours(&moving)?,
+            barred: moving.barred()?,
             rows: rows.map_err(core("body"))?,
             homes: [of_spheres, of_bonds],
             moving,
@@ -173,6 +178,14 @@ impl Follow {
                 return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
             }
             warnings.push(text);
+        }
+        if let Some(k) = look.barred {
+            warnings.push(format!(
+                "zone '{}' would have to reach {}, where spheres at a face and the body's field at their depth differ: it stays an \
+                 element and an overlap's width off, and what breaks there breaks in the overlap or not at all; take a larger body",
+                self.moving.name,
+                self.moving.support(k)
+            ));
         }
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
@@ -247,6 +260,7 @@ impl Follow {
         let mut out = Look {
             core: self.state.core.clone(),
             late: None,
+            barred: None,
         };
         let Some(bonds) = spheres.model().views().breakable else {
             return out;
@@ -272,9 +286,15 @@ impl Follow {
         hot = self.around(hot, limits.margin);
         let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
         join(&mut out.core, &hot);
+        for (core, support) in out.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = support.is_none();
+            out.barred = out.barred.or(*support);
+        }
         if out.core != self.state.core {
             join(&mut out.core, &self.around(hot, AHEAD));
             join(&mut out.core, &soon);
+            let free = self.barred.iter().map(Option::is_none);
+            out.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
         }
         out
     }

@@ -6,6 +6,7 @@
 
 mod around;
 mod divide;
+mod held;
 mod likeness;
 mod moving;
 mod place;
@@ -14,6 +15,7 @@ mod region;
 mod response;
 
 pub use super::packing::Likeness;
+pub(super) use held::check_supports;
 pub(super) use likeness::{Supports, Twin};
 pub(super) use moving::check;
 pub use moving::{Moving, Share};
@@ -285,6 +287,14 @@ impl Piece {
             return mesh.surface(group).map_err(fem("body"));
         }
         Ok(Vec::new())
+    }
+
+    /// For each element of the body: true if it belongs to this zone alone.
+    fn elements_alone(&self, folder: &Path) -> Result<Vec<bool>> {
+        let owners = self.cut.division(folder)?.owners.iter();
+        Ok(owners
+            .map(|o| *o == divide::Owner::Zone(self.number()))
+            .collect())
     }
 
     /// For each node of the body: true if all of its elements belong to this zone alone.

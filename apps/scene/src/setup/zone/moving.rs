@@ -4,7 +4,7 @@
 
 use super::Piece;
 use super::divide::{Owner, centroid};
-use super::response;
+use super::{held, response};
 use crate::error::{Error, Result, key, value};
 use crate::ranks::Ranks;
 use crate::setup::body::Body;
@@ -13,6 +13,7 @@ use crate::setup::kinds::kind;
 use crate::setup::lower::following;
 use crate::setup::mesh::Grid;
 use crate::setup::partners::Partners;
+use crate::setup::support;
 use crate::setup::weights::model_weights;
 use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive};
 use crate::spec::{CriterionKind, EffectKind, FollowTable};
@@ -132,7 +133,10 @@ impl Moving {
         let [coarse, fine] = own.partners.models;
         let speed = bodies[coarse].material.as_ref().map_or(0.0, |m| m.bar_speed());
         let rate = speed / bodies[coarse].spacing;
-        let responses = response::responses(&mut *bodies[fine].model, rate)?;
+        let motions = support::motions(scene, bodies, folder)?;
+        let of_spheres = motions.iter().filter(|(m, _)| *m == fine);
+        let held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
+        let responses = response::responses(&mut *bodies[fine].model, rate, &held)?;
         Ok(Some(Self {
             responses: Arc::new(responses),
             name: name.to_owned(),
@@ -170,6 +174,19 @@ impl Moving {
             Owner::Both(_) => Share::Both,
         };
         Ok(owners.map(share).collect())
+    }
+
+    /// For each element of the body: the support for which the zone must leave it to the body.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn barred(&self) -> Result<Vec<Option<usize>>> {
+        self.piece.barred(&self.scene, &self.folder)
+    }
+
+    /// Name of a support in messages.
+    pub(crate) fn support(&self, k: usize) -> String {
+        held::label(&self.scene, k)
     }
 
     /// Returns the number of the element at a point; of points outside of all elements, that of the nearest
