@@ -139,16 +139,20 @@ impl Painter {
                 _ => {}
             }
         }
+        let piece = self.piece.as_ref();
+        let mut survey = fields::survey(fields, s)?;
+        let mut loads = fields::recovered(fields, s, survey.as_mut(), piece)?;
+        loads.extend(fields::energy_densities(fields, s, survey.as_mut(), piece)?);
+        let mut bonds = fields::bonds(fields, s, survey, self.grid.cells(), piece)?;
         if s.has_sleep() {
             let [nodes, elements] = self.asleep(s);
+            silence(&mut loads, &nodes);
+            silence(&mut bonds, &elements);
             points.push(Array::scalar(ASLEEP, nodes));
             cells.push(Array::scalar(ASLEEP, elements));
         }
-        let piece = self.piece.as_ref();
-        let mut survey = fields::survey(fields, s)?;
-        points.extend(fields::recovered(fields, s, survey.as_mut(), piece)?);
-        points.extend(fields::energy_densities(fields, s, survey.as_mut(), piece)?);
-        cells.extend(fields::bonds(fields, s, survey, self.grid.cells(), piece)?);
+        points.extend(loads);
+        cells.extend(bonds);
         if let Some(log) = &self.breaks {
             let [shares, broken] = self.damage(&locked(log));
             let shares = match piece {
@@ -201,6 +205,15 @@ impl Painter {
         // A particle without bonds has no damage.
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         [shares, broken]
+    }
+}
+
+/// Sets what sleeps to zero: its strains are stale.
+fn silence(arrays: &mut [Array<'_>], asleep: &[f64]) {
+    for array in arrays {
+        let rows = array.values.to_mut().chunks_exact_mut(array.components);
+        let stale = rows.zip(asleep).filter(|(_, asleep)| **asleep > 0.0);
+        stale.for_each(|(values, _)| values.fill(0.0));
     }
 }
 

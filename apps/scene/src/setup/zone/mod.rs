@@ -292,9 +292,7 @@ impl Piece {
     /// For each element of the body: true if it belongs to this zone alone.
     fn elements_alone(&self, folder: &Path) -> Result<Vec<bool>> {
         let owners = self.cut.division(folder)?.owners.iter();
-        Ok(owners
-            .map(|o| *o == divide::Owner::Zone(self.number()))
-            .collect())
+        Ok(owners.map(|o| *o == divide::Owner::Zone(self.number())).collect())
     }
 
     /// For each node of the body: true if all of its elements belong to this zone alone.
