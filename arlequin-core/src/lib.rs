@@ -97,7 +97,8 @@ mod weight;
 pub use coupled::snapshot;
 pub use coupled::statics::Equilibrium;
 pub use coupled::{
-    Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Rezoned, Rezoning, Settled, TimeStep,
+    Coupled, Guard, Partition, PartitionReport, Parts, Plan, Relaxation, Response, Rezoned, Rezoning,
+    Settled, TimeStep,
 };
 use coupled::{ledger, momentum, observer, warning};
 pub use energy_release::{CrackFront, EnergyRelease, GradientPoint, Gradients};
@@ -115,8 +116,8 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State, StepBound,
-    Stepping, Stride, Views, Watching, check_size,
+    Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State,
+    StepBound, Stepping, Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

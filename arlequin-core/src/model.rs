@@ -289,6 +289,8 @@ pub struct Views<'a, T: Real> {
     pub watching: Option<&'a dyn Watching<T>>,
     /// Cheap bound of the critical step.
     pub step_bound: Option<&'a dyn StepBound<T>>,
+    /// Parts that break, with their loads.
+    pub breakable: Option<&'a dyn Breakable<T>>,
 }
 
 impl<T: Real> Default for Views<'_, T> {
@@ -303,6 +305,7 @@ impl<T: Real> Default for Views<'_, T> {
             links: None,
             watching: None,
             step_bound: None,
+            breakable: None,
         }
     }
 }
@@ -346,6 +349,13 @@ pub struct Drawn<T> {
 pub trait StepBound<T: Real> {
     /// Lower bound of [`Model::critical_step`] \[s\] for weights as they are. Collective.
     fn step_bound(&self, inverse_inertia: &[T]) -> T;
+
+    /// Lower bound of [`Model::critical_step`] \[s\] for any weights that are the same for internal and kinetic
+    /// energy; `None` by default. A run in which nodes sleep takes it for the critical step, because its
+    /// weights will change.
+    fn step_bound_for_any_weights(&self) -> Option<T> {
+        None
+    }
 }
 
 /// A model that makes whole steps itself. This pays for a model so fast that passes over its unknowns count:
@@ -385,6 +395,13 @@ pub trait Evolving<T: Real> {
     fn stays(&self, _q: &[T]) -> bool {
         false
     }
+
+    /// From now on, leaves every part as it is while its weight is zero: its nodes sleep, and their
+    /// displacements are those of when they fell asleep. Returns whether the model can do so; it cannot by
+    /// default, and then its weights must not change in a run ([`crate::Coupled::rezone`]).
+    fn sleep(&mut self) -> bool {
+        false
+    }
 }
 
 /// An effect that a model would need but that is not switched on.
@@ -401,6 +418,16 @@ pub trait Watching<T: Real> {
     /// Returns the effects that `state` would need and that may not be switched on. May take as long as a few
     /// steps; never called during a step.
     fn watch(&self, state: &State<T>) -> Vec<Finding>;
+}
+
+/// A model with parts (bonds) that break when their load reaches their strength, whatever their weight.
+pub trait Breakable<T: Real>: Sync {
+    /// Nodes at the ends of each part.
+    fn parts(&self) -> &[[u32; 2]];
+
+    /// Returns the load of each part in the displacements `q` over its strength \[–\], as a number that grows
+    /// in proportion to the displacements; zero for broken parts and for those that are not `wanted`.
+    fn utilisations(&self, q: &[T], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<T>;
 }
 
 /// A model whose internal forces are `−K q`.

@@ -50,6 +50,10 @@ pub struct BondedParticles {
     /// Edges of the periodic box \[m\].
     period: Option<[f64; 3]>,
     adjacency: OnceLock<Arc<Adjacency<[u32; 2]>>>,
+    /// True if bonds without weight sleep.
+    sleeps: bool,
+    /// Bonds of every particle that are awake, if bonds sleep; those of the present weights.
+    awake: OnceLock<Arc<Adjacency<[u32; 2]>>>,
 }
 
 /// Material and volume of a body of particles.
@@ -191,6 +195,8 @@ impl BondedParticles {
             rounded: contents.rounded,
             period: contents.period,
             adjacency: OnceLock::new(),
+            sleeps: false,
+            awake: OnceLock::new(),
         })
     }
 
@@ -209,6 +215,7 @@ impl BondedParticles {
         }
         self.weights.copy_from_slice(weights);
         (0..weights.len()).for_each(|b| self.soften(b, 1.0));
+        self.awake = OnceLock::new();
         // A particle without bonds keeps its whole mass.
         for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
             self.mass[i] = self.full_mass[i] * w;
@@ -306,6 +313,8 @@ impl BondedParticles {
             rounded: self.rounded,
             period: self.period,
             adjacency,
+            sleeps: self.sleeps,
+            awake: OnceLock::new(),
             scales: bonds.iter().map(|b| self.scales[*b]).collect(),
         };
         (part, numbers)
@@ -324,6 +333,17 @@ impl BondedParticles {
     /// [`LinearBond::scale`] of bond `b` \[m\].
     pub(crate) fn scale(&self, bond: usize) -> f64 {
         self.scales[bond]
+    }
+
+    /// [`LinearBond::scale`] of bond `b` with a weight of one and its whole stiffness \[m\].
+    pub(crate) fn whole_scale(&self, bond: usize) -> f64 {
+        self.grades.get(bond).copied().unwrap_or(1.0) / self.bond(bond).axis.norm()
+    }
+
+    /// Masses \[kg\] and rotational inertias \[kg m²\] without weights.
+    pub(crate) fn full_inertia(&self) -> [Vec<f64>; 2] {
+        let inertia = sphere_inertia(&self.full_mass, &self.radii);
+        [self.full_mass.clone(), inertia]
     }
 
     /// Returns the scale of bond `b` with the share `left` of its stiffness \[m\].
@@ -445,6 +465,36 @@ impl BondedParticles {
         // Sorted, so that sums over the bonds of a particle do not depend on the order of the pairs.
         let build = || Arc::new(Adjacency::of_pairs(self.len(), &self.pairs).sorted());
         self.adjacency.get_or_init(build).clone()
+    }
+
+    /// From now on, lets bonds without weight sleep: they take no time and do not break.
+    pub(crate) fn sleep(&mut self) {
+        self.sleeps = true;
+        self.awake = OnceLock::new();
+    }
+
+    /// Returns whether bonds without weight sleep.
+    pub(crate) fn has_sleep(&self) -> bool {
+        self.sleeps
+    }
+
+    /// Returns whether a bond sleeps.
+    pub(crate) fn is_asleep(&self, bond: usize) -> bool {
+        self.sleeps && self.weights[bond] <= 0.0
+    }
+
+    /// The rows of [`Self::adjacency`] without bonds that sleep.
+    pub(crate) fn awake(&self) -> Arc<Adjacency<[u32; 2]>> {
+        let all = self.adjacency();
+        if !self.sleeps {
+            return all;
+        }
+        let row = |i: usize| {
+            let bonds = all.row(i).iter().copied();
+            bonds.filter(|[_, b]| !self.is_asleep(*b as usize))
+        };
+        let build = || Arc::new(Adjacency::from_rows((0..all.len()).map(row)));
+        self.awake.get_or_init(build).clone()
     }
 
     /// Section rigidities, the same for all bonds.

@@ -7,6 +7,7 @@ use arlequin::core::{
     Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Profile, Ramp, Result, Rezoned,
     Rezoning, Sampling, Silent, Slab, Subdomain, TimeStep, Weights,
 };
+use arlequin::dem_beam::fracture::{SharedLog, locked};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture, Matter};
 use arlequin::fem_ref::{Elastic, ElementKind, FemModel};
 use arlequin_studies::noise;
@@ -350,20 +351,71 @@ fn moving_zones_have_the_same_bits_on_any_number_of_threads() {
     }
 }
 
-#[test]
-fn particles_that_can_break_are_refused_by_name() {
+/// A bar of elements and spheres whose bonds break, at random velocities.
+fn brittle(criterion: Criterion, strength: f64) -> (Coupled<f64>, SharedLog) {
     let bar = Bar::new(Fine::Spheres, 1);
-    let [coarse, fine] = weights(2.0);
+    let [coarse, fine] = weights(place(0));
     let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
     let law = Elastic::new(1.0, 0.0, 1.0).unwrap();
+    let motion = &mut random(3);
     let elements = Subdomain::coarse(FemModel::new("bar", mesh, law).unwrap(), coarse).with_sleep();
     let spheres = lattice()
-        .with_fracture(Fracture::new(Criterion::Axial, 1.0))
+        .with_fracture(Fracture::new(criterion, strength))
         .unwrap();
+    let log = spheres.break_log();
     let spheres = Subdomain::fine(spheres, fine).with_sleep();
+    let models = vec![with_state(elements, motion), with_state(spheres, motion)];
     let step = TimeStep::Fraction(0.5);
-    let mut run = Coupled::new(vec![elements, spheres], bar.interfaces(2.0), step, None).unwrap();
-    let refused = bar.rezone(&mut run, 2.5);
+    let guard = arlequin::core::Guard {
+        interval: 1,
+        growth: 0.05,
+    };
+    let run = Coupled::new(models, bar.interfaces(place(0)), step, Some(guard));
+    (run.unwrap(), log)
+}
+
+#[test]
+fn bonds_break_awake_alone_stay_broken_and_the_balance_closes() {
+    let bar = Bar::new(Fine::Spheres, 1);
+    let (mut run, log) = brittle(Criterion::TensileEnergy, 2e-3);
+    let mut before = Vec::new();
+    let mut broke_in_zone = [0; 2];
+    for k in 0..12 {
+        let fine = weights(place(k))[1].clone();
+        for _ in 0..6 {
+            let seen = locked(&log).events().len();
+            run.advance(&mut Silent).unwrap();
+            for e in &locked(&log).events()[seen..] {
+                let ends = e.pair.map(|i| run.subdomains()[1].model().nodes()[i as usize]);
+                assert!(
+                    ends.iter().any(|x| fine.internal.value(x) > 0.0),
+                    "a bond slept and broke at {:?}",
+                    e.place
+                );
+                broke_in_zone[usize::from(k > 5)] += 1;
+            }
+        }
+        bar.rezone(&mut run, place(k + 1)).unwrap();
+        let now: Vec<u32> = locked(&log).events().iter().map(|e| e.bond).collect();
+        assert!(now.starts_with(&before), "a change of weights lost a broken bond");
+        before = now;
+    }
+    run.advance(&mut Silent).unwrap();
+    assert!(
+        broke_in_zone.iter().all(|n| *n > 20),
+        "{broke_in_zone:?} bonds broke"
+    );
+    assert!(run.drift() < 1e-11, "the balance misses {:e}", run.drift());
+    let broken = before.len();
+    let unique: std::collections::BTreeSet<u32> = before.into_iter().collect();
+    assert_eq!(unique.len(), broken, "a bond broke twice");
+}
+
+#[test]
+fn strengths_of_particles_are_refused_by_name() {
+    let bar = Bar::new(Fine::Spheres, 1);
+    let (mut run, _) = brittle(Criterion::Hydrostatic, 1e3);
+    let refused = bar.rezone(&mut run, place(1));
     assert!(
         matches!(&refused, Err(Error::Unsupported { model, what }) if model == "fine" && what.contains("sleep")),
         "{refused:?}"

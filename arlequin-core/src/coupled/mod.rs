@@ -36,7 +36,7 @@ pub(crate) mod warning;
 
 pub use crate::subdomain::Partition;
 pub use partition::PartitionReport;
-pub use rezone::{Rezoned, Rezoning};
+pub use rezone::{Response, Rezoned, Rezoning};
 pub use settle::{Relaxation, Settled};
 pub use setup::{Guard, Parts, Plan, TimeStep};
 
@@ -210,7 +210,10 @@ impl<T: Real> Coupled<T> {
                 work: self.ledger.constraint,
             });
         }
-        if let Some(work) = self.conversions.work() {
+        // A table of the works has one column from the start.
+        let may_change = self.subdomains.iter().any(Subdomain::has_sleep);
+        let none = may_change.then(T::zero);
+        if let Some(work) = self.conversions.work().or(none) {
             let name = "rezoning".into();
             lines.push(WorkLine { name, work });
         }

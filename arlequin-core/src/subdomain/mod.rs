@@ -188,6 +188,10 @@ impl<T: Real> Subdomain<T> {
     #[must_use]
     pub fn with_sleep(mut self) -> Self {
         self.sleeps = true;
+        // A model that cannot is refused when its weights change.
+        if let Some(model) = self.model.evolving() {
+            model.sleep();
+        }
         self
     }
 

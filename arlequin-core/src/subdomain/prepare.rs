@@ -178,8 +178,12 @@ impl<T: Real> Subdomain<T> {
     /// Damping forces use the velocity half a step earlier, which shortens the stable step to `2/ω (√(1 +
     /// ζ²) − ζ)` with `ζ = c/(2ω)`; see [`crate::effect::StepDemand`] for what adds to `ω` and `c`.
     ///
-    /// If a lower bound of it is not below the own step `asked`, this bound is returned, with `true`.
+    /// If a lower bound of it is not below the own step `asked`, this bound is returned, with `true`. So is a
+    /// bound for any weights where nodes may sleep.
     pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>], asked: Option<T>) -> Result<(T, bool)> {
+        if let Some(bound) = self.step_bound_for_any_weights() {
+            return Ok((self.with_demands(bound, between), true));
+        }
         let bound = |dt| {
             Some((
                 dt,
@@ -194,6 +198,16 @@ impl<T: Real> Subdomain<T> {
         }
         let free = self.model.critical_step(&self.inverse_inertia)?;
         Ok((self.with_demands(free, between), false))
+    }
+
+    /// Returns a bound of the critical step \[s\] of the model alone that later changes of the weights keep, if
+    /// nodes may sleep and the model has one.
+    fn step_bound_for_any_weights(&self) -> Option<T> {
+        // The bound compares stiffness and mass of each bond, so both need the same weight.
+        if !self.sleeps || self.is_partitioned || !self.weights.are_one() {
+            return None;
+        }
+        self.model.views().step_bound?.step_bound_for_any_weights()
     }
 
     /// Returns the critical step \[s\] with effects, from that of the model alone.

@@ -13,7 +13,7 @@ const ROUND_OFF: f64 = 4.0;
 
 impl<T: Real> Subdomain<T> {
     /// Returns whether nodes without weight sleep.
-    pub(crate) fn has_sleep(&self) -> bool {
+    pub fn has_sleep(&self) -> bool {
         self.sleeps
     }
 
@@ -47,9 +47,8 @@ impl<T: Real> Subdomain<T> {
             "weights at nodes conserve no energy that could be accounted for; take weights of elements"
         } else if self.is_paired() {
             "an effect acts between it and another model; leave the effect out"
-        } else if self.model.evolving().is_some() {
-            "it changes itself, and bonds that sleep would be judged by a strain that they do not have; switch \
-             that off"
+        } else if self.model.evolving().is_some_and(|model| !model.sleep()) {
+            "it changes itself, and cannot leave out what sleeps, whose strain is stale; switch that off"
         } else {
             return Ok(());
         };

@@ -164,7 +164,10 @@ impl FractureState {
         let log = locked(&self.log);
         for (b, strength) in self.strength.iter_mut().enumerate() {
             if let Some(damage) = log.damage_here(b) {
-                *strength = damage.load;
+                // A bond that sleeps or is spared keeps its infinite strength.
+                if strength.is_finite() {
+                    *strength = damage.load;
+                }
                 softening.now.push((b as u32, damage.left));
             }
         }

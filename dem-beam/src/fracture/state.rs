@@ -32,7 +32,7 @@ pub(crate) struct FractureState {
     /// Bonds that soften; the strength of a damaged bond is its largest load so far.
     pub(crate) softening: Option<Softening>,
     /// Strengths of the particles under a criterion of particles.
-    pub(super) particles: Option<ParticleStrengths>,
+    pub(crate) particles: Option<ParticleStrengths>,
     pub(super) flags: Vec<bool>,
     /// Bonds that break in this step; see [`Self::find`].
     pub(crate) now: Vec<u32>,
@@ -164,6 +164,20 @@ impl FractureState {
         }
     }
 
+    /// Load of a bond over its strength \[–\], also if it sleeps or is spared: see
+    /// [`arlequin_core::Breakable`].
+    pub(crate) fn utilisation(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
+        let strain = Self::strain(body, reader, b);
+        let load = self.spec.criterion.value(&self.section, &strain);
+        let ratio = load / strength_of(&self.spec, body, b);
+        // Energies grow with the square of the displacements.
+        if self.spec.criterion.is_energy() {
+            ratio.max(0.0).sqrt()
+        } else {
+            ratio
+        }
+    }
+
     /// Returns the screen and the marks for the force kernel if bonds are checked in this step.
     pub(crate) fn marks(&mut self) -> Option<Marks<'_>> {
         // `wait` counts the steps since the last check and is raised in `find`, after the forces.
@@ -175,7 +189,10 @@ impl FractureState {
     /// Follows new weights: makes whole bonds for which `inside` is true unbreakable and the others
     /// breakable, if the specification spares overlaps.
     pub(crate) fn spare(&mut self, body: &BondedParticles, inside: impl Fn(usize) -> bool) {
-        if self.spec.spare_overlap {
+        let awake = body.awake();
+        let sleeps = !Arc::ptr_eq(&awake, &body.adjacency());
+        if self.spec.spare_overlap || sleeps {
+            let inside = |b: usize| self.spec.spare_overlap && inside(b) || body.is_asleep(b);
             let log = locked(&self.log);
             for (b, strength) in self.strength.iter_mut().enumerate() {
                 // Broken bonds keep their infinite strength.
@@ -190,7 +207,9 @@ impl FractureState {
             }
         }
         // Bonds without weight have no part in the stress of a particle.
-        if self.spec.spare_overlap || self.particles.is_some() {
+        if self.spec.spare_overlap || self.particles.is_some() || sleeps {
+            // The kernel has the same rows, and the screen follows its slots.
+            self.adjacency = awake;
             self.set_up_screen(body);
         }
     }

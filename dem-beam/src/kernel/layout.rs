@@ -46,7 +46,7 @@ impl Layout {
     pub(crate) fn new(body: &BondedParticles, particles: usize, lengths: bool) -> Self {
         // Each row is sorted by the other end, so that the sum over a particle's bonds does not depend on how
         // the caller numbered the bonds.
-        let adjacency = body.adjacency();
+        let adjacency = body.awake();
         let blocks = particles.div_ceil(LANES);
         let mut out = Self {
             particles,

@@ -9,6 +9,7 @@ use crate::fracture::{Fracture, SharedLog, locked};
 use crate::kernel::lanes::LANES;
 use arlequin_core::snapshot::Record;
 use arlequin_core::{Evolution, Model};
+use rayon::prelude::*;
 
 impl DemModel {
     /// Lets the bonds of the body break.
@@ -67,6 +68,44 @@ impl DemModel {
             f.spare(&self.body, |b| self.in_overlap(b));
         }
         (self.fracture, self.watched) = (fracture, watched);
+    }
+
+    /// Lets bonds without weight sleep: the kernel leaves them out, and they do not break. Returns whether the
+    /// strengths are those of bonds; particles have the stress of all their bonds.
+    pub(super) fn let_bonds_sleep(&mut self) -> bool {
+        if self
+            .fracture
+            .iter()
+            .chain(&self.watched)
+            .any(|f| f.particles.is_some())
+        {
+            return false;
+        }
+        // Once: a new kernel forgets orientations.
+        if self.body.has_sleep() {
+            return true;
+        }
+        self.body.sleep();
+        self.spare_overlap();
+        self.kernel.renew();
+        true
+    }
+
+    /// See [`arlequin_core::Breakable::utilisations`].
+    pub(super) fn utilisations_of(&self, q: &[f64], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<f64> {
+        let Some(fracture) = &self.fracture else {
+            return vec![0.0; self.body.pairs().len()];
+        };
+        let (log, reader) = (locked(&self.log), self.reader(q));
+        let broken = |b: usize| log.is_broken_here(b);
+        let of_bond = |b: usize| match wanted(b) && !broken(b) {
+            true => fracture.utilisation(&self.body, &reader, b),
+            false => 0.0,
+        };
+        (0..self.body.pairs().len())
+            .into_par_iter()
+            .map(of_bond)
+            .collect()
     }
 
     /// Compares bonds with their strengths one by one instead of in the force kernel: the slower reference

@@ -49,8 +49,9 @@ use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation, LinearModel, Model,
-    Owned, ParticleField, State, StepBound, Stepping, Stride, Views, Watching, Weight, check_size, spectrum,
+    Arms, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation,
+    LinearModel, Model, Owned, ParticleField, State, StepBound, Stepping, Stride, Views, Watching, Weight,
+    check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -443,6 +444,8 @@ impl Model<f64> for DemModel {
         views.links = Some(self);
         views.watching = Some(self);
         views.step_bound = Some(self);
+        let strengths_of_bonds = self.fracture.as_ref().is_some_and(|f| f.particles.is_none());
+        views.breakable = strengths_of_bonds.then_some(self as _);
         views
     }
 }
@@ -451,6 +454,10 @@ impl StepBound<f64> for DemModel {
     fn step_bound(&self, inverse_inertia: &[f64]) -> f64 {
         let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
         spectrum::step_of(self.owned().largest(top))
+    }
+
+    fn step_bound_for_any_weights(&self) -> Option<f64> {
+        Some(spectrum::step_of(critical::bound_for_any_weights(&self.body)))
     }
 }
 
@@ -472,6 +479,20 @@ impl Evolving<f64> for DemModel {
 
     fn stays(&self, q: &[f64]) -> bool {
         self.load(q) < 1.0
+    }
+
+    fn sleep(&mut self) -> bool {
+        self.let_bonds_sleep()
+    }
+}
+
+impl Breakable<f64> for DemModel {
+    fn parts(&self) -> &[[u32; 2]] {
+        self.body.pairs()
+    }
+
+    fn utilisations(&self, q: &[f64], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<f64> {
+        self.utilisations_of(q, wanted)
     }
 }
 

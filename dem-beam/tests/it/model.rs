@@ -235,6 +235,57 @@ fn steep_weights_leave_the_critical_step() {
     assert!(nodal > 0.01 * alone && nodal < alone, "{}", nodal / alone);
 }
 
+/// Random weights of bonds, most of them zero.
+#[derive(Debug)]
+struct Scattered(usize);
+
+impl Weight<f64> for Scattered {
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        let cell = x
+            .coords
+            .iter()
+            .fold(self.0, |n, c| 31 * n + (c / 0.2e-3).floor() as usize);
+        noise(cell).max(0.0).powi(4)
+    }
+}
+
+#[test]
+fn a_step_bound_holds_for_any_weights() {
+    let mut m = model();
+    let step = |m: &mut DemModel, w: &dyn Weight<f64>| {
+        m.set_internal_weight(w).unwrap();
+        let mut inertia = vec![0.0; m.layout().dofs()];
+        m.lumped_inertia(w, &mut inertia).unwrap();
+        let inverse: Vec<f64> = inertia
+            .iter()
+            .map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 })
+            .collect();
+        m.critical_step(&inverse).unwrap()
+    };
+    let bound_of = |m: &DemModel| {
+        m.views()
+            .step_bound
+            .unwrap()
+            .step_bound_for_any_weights()
+            .unwrap()
+    };
+    let bound = bound_of(&m);
+    let whole = step(&mut m, &Uniform(1.0));
+    // Safe, and not so small that steps are wasted.
+    assert!(bound < whole && bound > 0.6 * whole, "{}", bound / whole);
+    let mut least = f64::INFINITY;
+    for seed in 0..20 {
+        least = least.min(step(&mut m, &Scattered(seed)));
+        assert!(
+            (bound_of(&m) / bound - 1.0).abs() < 1e-12,
+            "the bound has no weights"
+        );
+    }
+    assert!(least >= bound, "{}", least / bound);
+    // Weights that vary so do cost a part of the step: without a bound a run would become unstable.
+    assert!(least < 0.95 * whole, "{}", least / whole);
+}
+
 #[test]
 fn same_bits_for_any_thread_count() {
     // The cube is larger than the size from which a second thread is used.

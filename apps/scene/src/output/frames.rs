@@ -117,6 +117,11 @@ impl Frames {
         Self { format, ..self }
     }
 
+    /// Shows another mediator of interface `k` from now on.
+    pub(crate) fn set_mediator(&mut self, k: usize, grid: Grid) {
+        self.mediators[k] = grid;
+    }
+
     /// Returns whether this rank writes the index and the models that are not partitioned.
     fn leads(&self) -> bool {
         self.folder.is_some() && self.ranks.as_ref().is_none_or(Ranks::leads)

@@ -13,6 +13,9 @@ use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use std::borrow::Cow;
 use std::sync::Arc;
 
+/// Array of what sleeps.
+pub(super) const ASLEEP: &str = "asleep [-]";
+
 /// Everything about a model that does not change between its files.
 #[derive(Debug)]
 pub(super) struct Painter {
@@ -119,6 +122,8 @@ impl Painter {
             match (field, &self.centres) {
                 (OutputField::Displacement, _) => points.push(vector("displacement [m]", seen.q.clone())),
                 (OutputField::Velocity, _) => points.push(vector("velocity [m/s]", seen.v.clone())),
+                // Those of a model that may sleep change.
+                (OutputField::Weights, _) if s.has_sleep() => points.extend(weights(s, &self.grid.points)),
                 (OutputField::Weights, _) => points.extend(self.weights.iter().map(|w| Array {
                     values: (&*w.values).into(),
                     name: w.name.clone(),
@@ -136,9 +141,18 @@ impl Painter {
         }
         let piece = self.piece.as_ref();
         let mut survey = fields::survey(fields, s)?;
-        points.extend(fields::recovered(fields, s, survey.as_mut(), piece)?);
-        points.extend(fields::energy_densities(fields, s, survey.as_mut(), piece)?);
-        cells.extend(fields::bonds(fields, s, survey, self.grid.cells(), piece)?);
+        let mut loads = fields::recovered(fields, s, survey.as_mut(), piece)?;
+        loads.extend(fields::energy_densities(fields, s, survey.as_mut(), piece)?);
+        let mut bonds = fields::bonds(fields, s, survey, self.grid.cells(), piece)?;
+        if s.has_sleep() {
+            let [nodes, elements] = self.asleep(s);
+            silence(&mut loads, &nodes);
+            silence(&mut bonds, &elements);
+            points.push(Array::scalar(ASLEEP, nodes));
+            cells.push(Array::scalar(ASLEEP, elements));
+        }
+        points.extend(loads);
+        cells.extend(bonds);
         if let Some(log) = &self.breaks {
             let [shares, broken] = self.damage(&locked(log));
             let shares = match piece {
@@ -149,6 +163,20 @@ impl Painter {
             cells.push(Array::scalar("broken [-]", broken));
         }
         Ok((points, cells))
+    }
+
+    /// 1 for each node that sleeps, and for each cell with such a node: their states are those of when they
+    /// fell asleep.
+    fn asleep(&self, s: &Subdomain<f64>) -> [Vec<f64>; 2] {
+        let flag = |asleep: bool| f64::from(u8::from(asleep));
+        let nodes = 0..self.grid.points.len();
+        let cells = self.grid.connectivity.chunks_exact(self.grid.corners);
+        [
+            nodes.map(|k| flag(s.is_asleep(k))).collect(),
+            cells
+                .map(|c| flag(c.iter().any(|k| s.is_asleep(*k as usize))))
+                .collect(),
+        ]
     }
 
     /// Mean damage of the bonds of every particle (of a part: of the owned ones), and the damage of each
@@ -177,6 +205,15 @@ impl Painter {
         // A particle without bonds has no damage.
         let shares = counts.iter().map(|[gone, all]| gone / all.max(1.0)).collect();
         [shares, broken]
+    }
+}
+
+/// Sets what sleeps to zero: its strains are stale.
+fn silence(arrays: &mut [Array<'_>], asleep: &[f64]) {
+    for array in arrays {
+        let rows = array.values.to_mut().chunks_exact_mut(array.components);
+        let stale = rows.zip(asleep).filter(|(_, asleep)| **asleep > 0.0);
+        stale.for_each(|(values, _)| values.fill(0.0));
     }
 }
 

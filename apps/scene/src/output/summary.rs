@@ -34,6 +34,9 @@ pub struct Summary {
     /// First crack of each model that ran into an overlap.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub into_overlap: Vec<OverlapBreak>,
+    /// Changes of the zone that follows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub conversions: Vec<Conversion>,
     /// Assignments of `--set`.
     pub set: Vec<String>,
     /// How the models are distributed over several ranks.
@@ -71,6 +74,25 @@ pub struct Summary {
     pub probes: BTreeMap<String, ProbeLine>,
     /// Warnings.
     pub warnings: Vec<String>,
+}
+
+/// A change of the elements that a zone has.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Conversion {
+    /// Time \[s\].
+    pub time: f64,
+    /// Number of steps made before.
+    pub step: usize,
+    /// Number of elements of the body that the zone had alone, and that it has.
+    pub cells: [usize; 2],
+    /// Number of spheres that were awake, and that are.
+    pub spheres: [usize; 2],
+    /// Change of the energy \[J\]: the sum of the parts.
+    pub work: f64,
+    /// Parts of the work \[J\]: potential, kinetic, rigid motion, consistent start.
+    pub parts: [f64; 4],
+    /// Wall time of the look and the change \[s\].
+    pub seconds: f64,
 }
 
 /// A load step in equilibrium.

@@ -1,6 +1,6 @@
 //! Tables of recorded values: probes, energy and effects over time, load steps and broken bonds.
 
-use super::summary::LoadStep;
+use super::summary::{Conversion, LoadStep};
 use super::{csv, put};
 use crate::error::{Result, write};
 use arlequin::core::Coupled;
@@ -149,6 +149,25 @@ pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
         );
     }
     put(&folder.join("static.csv"), &[text.as_bytes()])
+}
+
+/// Writes the changes of a zone that follows, if there are any.
+pub(crate) fn conversions(folder: &Path, changes: &[Conversion]) -> Result<()> {
+    if changes.is_empty() {
+        return Ok(());
+    }
+    let mut text = "time [s],step,elements before,elements,spheres before,spheres,work [J],potential [J],kinetic [J],rigid motion [J],\
+                    start [J],cost [s]\n"
+        .to_owned();
+    for c in changes {
+        let ([a, b], [m, n], [potential, kinetic, rigid, start]) = (c.cells, c.spheres, c.parts);
+        let _ = writeln!(
+            text,
+            "{:e},{},{a},{b},{m},{n},{:e},{potential:e},{kinetic:e},{rigid:e},{start:e},{:e}",
+            c.time, c.step, c.work, c.seconds
+        );
+    }
+    put(&folder.join("zones.csv"), &[text.as_bytes()])
 }
 
 /// Writes all broken bonds of all models in the order of time. [`breaks`] has more columns, per model.

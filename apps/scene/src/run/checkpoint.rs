@@ -9,6 +9,7 @@
 //! program dies, the last complete checkpoint remains. The payload holds the text of the scene, so that a
 //! resumed run uses the same scene, and check sums of the files that the scene reads.
 
+use super::follow::Followed;
 use super::origin::Origin;
 use super::recorder::Records;
 use crate::error::{Error, Result, write};
@@ -22,7 +23,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 /// Format number; to be increased whenever the payload changes.
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
@@ -59,6 +60,8 @@ pub(crate) struct Checkpoint {
     pub records: Records,
     /// Stage of a scene with `[wake]`; `None` without one.
     pub wake: Option<Stage>,
+    /// Zone that follows; `None` without one.
+    pub follow: Option<Followed>,
 }
 
 /// Removes the checkpoint of a run that is complete.
@@ -229,6 +232,7 @@ mod tests {
                 highest: f64::NEG_INFINITY,
                 place: [1.0, 2.0, 3.0],
             }),
+            follow: None,
         }
     }
 

@@ -112,11 +112,16 @@ impl Session<'_> {
             snapshot: self.run.snapshot().map_err(core("model"))?,
             records: self.recorder.records(),
             wake: self.stage.clone(),
+            follow: self.follow.as_ref().map(|f| f.state.clone()),
         })
     }
 
     /// Restores the state of a checkpoint.
     pub(super) fn restore(&mut self, saved: Checkpoint) -> Result<()> {
+        if let (Some(follow), Some(saved)) = (&mut self.follow, saved.follow) {
+            follow.restore(saved, &mut self.run)?;
+            self.recorder.show_mediator(follow.mediator.take());
+        }
         let restored = self.run.restore(&saved.snapshot);
         restored.map_err(|e| Error::Checkpoint {
             path: self.folder().unwrap_or(Path::new("")).join(mark::CHECKPOINT),
@@ -266,6 +271,10 @@ impl Session<'_> {
         let mut tries = vec![
             tables::write_all(path, r.tables()),
             tables::load_steps(path, &r.load_steps),
+            tables::conversions(
+                path,
+                self.follow.as_ref().map_or(&[][..], |f| &f.state.conversions),
+            ),
             fragments::write(path, &r.fragments),
             tables::breaks(path, &self.run, &self.breaks),
             tables::all_breaks(path, &self.run, &self.breaks),

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod crossing;
 mod folder;
+mod follow;
 mod intrusion;
 mod origin;
 mod prepared;

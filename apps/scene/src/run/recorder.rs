@@ -6,7 +6,7 @@ use crate::output::fragments::{Fragments, Piece};
 use crate::output::summary::LoadStep;
 use crate::output::tables::Table;
 use crate::output::{Entry, Frames};
-use crate::setup::{LoweredScene, ProbeReader, Readings};
+use crate::setup::{Grid, LoweredScene, ProbeReader, Readings};
 use crate::spec::Curve;
 use arlequin::core::{Coupled, EnergySample, Observer, Phase, StepReport};
 use serde::{Deserialize, Serialize};
@@ -237,6 +237,13 @@ impl Recorder {
         match &mut self.frames {
             Some(frames) => frames.resume(from.frames),
             None => Ok(()),
+        }
+    }
+
+    /// Shows another mediator of the first interface in frames, if there is one.
+    pub(super) fn show_mediator(&mut self, new: Option<Grid>) {
+        if let (Some(grid), Some(frames)) = (new, &mut self.frames) {
+            frames.set_mediator(0, grid);
         }
     }
 

@@ -3,6 +3,7 @@
 use super::checkpoint::{Checkpoint, Stage};
 use super::crossing::Crossing;
 use super::folder::Keep;
+use super::follow::Follow;
 use super::intrusion;
 use super::recorder::{self, PhaseClock, Recorder};
 use super::results::{End, Observer};
@@ -40,6 +41,8 @@ pub(crate) struct Session<'a> {
     /// Progress of a scene with `[wake]`, for checkpoints.
     pub(crate) stage: Option<Stage>,
     pub(super) breaks: Vec<Option<SharedLog>>,
+    /// The zone that goes where it is needed.
+    pub(super) follow: Option<Follow>,
     pub(super) without_contact: ParticlesWithoutContact,
     /// Watch for particles inside bodies that they do not touch.
     pub(super) intrusions: intrusion::Watch,
@@ -89,6 +92,7 @@ impl<'a> Session<'a> {
         let settings = &scene.spec().output;
         let ranks = scene.ranks();
         let in_parts = |s: &Subdomain<f64>| s.owned().is_part();
+        let follow = Follow::new(&built)?;
         let pieces = settings.pieces && built.run.subdomains().iter().any(in_parts);
         let pictures = Pictures {
             models: match pieces && keep.is_some() {
@@ -142,6 +146,7 @@ impl<'a> Session<'a> {
             begin,
             resumed_at: None,
             stage: None,
+            follow,
             breaks,
             without_contact: built.without_contact,
             intrusions,
@@ -194,6 +199,18 @@ impl<'a> Session<'a> {
             false => self.intrusions.look(&self.run, ranks)?,
         };
         lines.into_iter().for_each(|w| self.warn(w, observer));
+        Ok(())
+    }
+
+    /// Moves the zone that follows, if it must move now.
+    fn move_zone(&mut self, observer: &mut dyn Observer) -> Result<()> {
+        let Some(follow) = &mut self.follow else {
+            return Ok(());
+        };
+        self.clock.enter(None);
+        let warnings = follow.look(&mut self.run)?;
+        self.recorder.show_mediator(follow.mediator.take());
+        warnings.into_iter().for_each(|w| self.warn(w, observer));
         Ok(())
     }
 
@@ -270,6 +287,7 @@ impl<'a> Session<'a> {
                 end = End::IntoOverlap;
                 break;
             }
+            self.move_zone(observer)?;
             if woken(&self.run, &mut self.stage) {
                 end = End::Woken;
                 break;

@@ -53,6 +53,10 @@ impl Session<'_> {
             resumed_at_step: self.resumed_at,
             wake: None,
             into_overlap: crossing::first_cracks(run, &self.breaks),
+            conversions: self
+                .follow
+                .as_ref()
+                .map_or_else(Vec::new, |f| f.state.conversions.clone()),
             set: self.scene.changes().to_vec(),
             ranks: self.holdings.clone(),
             threads: rayon::current_num_threads(),

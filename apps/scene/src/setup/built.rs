@@ -8,7 +8,7 @@ use super::mesh::Grid;
 use super::probe::ProbeReader;
 use super::rigid::RigidPicture;
 use super::statics::LoadSteps;
-use super::zone::ZoneLine;
+use super::zone::{Moving, ZoneLine};
 use crate::ranks::RankLine;
 use crate::setup::packing::PackingLine;
 use arlequin::core::snapshot::Record;
@@ -99,6 +99,8 @@ pub struct Built {
     pub bounds: Bounds,
     /// Widths of the overlaps around zones.
     pub zones: Vec<ZoneLine>,
+    /// The zone that goes where it is needed.
+    pub moving: Option<Moving>,
     /// Distribution of the models over ranks; empty for a single rank.
     pub holdings: Vec<RankLine>,
     /// Wall times of the phases of the set-up, in order.

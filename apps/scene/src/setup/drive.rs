@@ -141,6 +141,20 @@ fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     }))
 }
 
+/// Builds the effects of model `m` anew, in the order in which [`Attachments`] has them: those before an
+/// absorber, and those after all others. For scenes with effects that do not depend on the body.
+pub(super) fn simple_effects(scene: &LoweredScene, m: usize) -> Result<[Vec<Chosen>; 2]> {
+    let mut out = [Vec::new(), Vec::new()];
+    for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
+        if !effect_models(k, e, scene)?.contains(&m) {
+            continue;
+        }
+        let last = matches!(e.kind, EffectKind::LocalDamping(_));
+        out[usize::from(last)].extend(simple_effect(k, e)?);
+    }
+    Ok(out)
+}
+
 /// Builds effect `k` for a body; `None` if the effect is off or part of the model (fracture).
 fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
     if !e.enabled {

@@ -1,32 +1,24 @@
 //! Interfaces: overlap, weights, mediator, junction, absorber.
 
-use super::body::{Body, fastest};
+use super::body::Body;
 use super::kinds::kind;
 use super::mediator::{is_hull, mediator, mediator_shape, within_hull};
-use super::mesh::{Grid, Request};
+use super::mesh::Grid;
 use super::names::sides_of;
+use super::partners::Partners;
 use super::shapes::{region, region_box, shape_corners};
 use crate::error::{Result, core, key, value};
 use crate::setup::{LoweredInterface, LoweredScene, OverlapSource};
-use crate::spec::{Absorber as AbsorberTable, OverlapShape, ProfileKind, WeightTable};
+use crate::spec::{OverlapShape, ProfileKind, WeightTable};
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
-    Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Junction, Mediator, Overlap, Partition, Place,
-    Ramp, Sampling, Shell, Slab, Weight, Weights,
+    InterfaceOptions, InterfaceSpec, Junction, Overlap, Partition, Place, Ramp, Sampling, Shell, Slab,
+    Weight, Weights,
 };
-use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Default absorber for a fine model whose bonds can break: waves from breaking bonds would otherwise run
-/// back and forth in the overlap, and their amplitude is highest where the weight is least.
-const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
-    rate: None,
-    rate_factor: Some(0.2),
-    spacing: None,
-};
 
 /// An interface before it is passed to the core.
 pub(super) struct BuiltInterface {
@@ -42,6 +34,8 @@ pub(super) struct BuiltInterface {
     pub absorber: Option<Absorber<f64>>,
     /// Known weaknesses of the interface.
     pub advice: Vec<Advice>,
+    /// Data of the two models, with which the interface can be built anew for another overlap.
+    pub partners: Partners,
 }
 
 /// The models of an interface: number and body, coarse model first.
@@ -128,37 +122,11 @@ impl<'a> Plan<'a> {
                 body,
             )?;
         }
-        let request = mediator(&mediator_path, table, &shape, sides[0].1.spacing, folder);
-        let mesh = request.mesh()?;
-        let grid = Grid::of_mesh(&mesh);
-        let mediator = Arc::new(FemField::new(mesh));
-        let brittle = sides.map(|s| s.1.grains.as_ref().is_some_and(|g| g.brittle));
-        let weights = weights(&path, &table.weight, &overlap, Some(mediator.nodes()), brittle)?;
-        let standard = brittle[1].then_some(&BRITTLE_ABSORBER);
-        let absorber = match table.absorber.as_ref().or(standard) {
-            // A rate of zero switches the default absorber off.
-            Some(a) if a.rate != Some(0.0) => {
-                Some(absorber(&path, a, request, &mediator, &overlap, sides[1].1)?)
-            }
-            _ => None,
-        };
-        let advice = advise(table, sides, &*overlap, mediator.spacing(), absorber.is_some());
-        let junction = junction(&path, table, mediator.spacing())?;
-        Ok(BuiltInterface {
-            spec: InterfaceSpec {
-                name: self.name.to_owned(),
-                coarse: sides[0].0,
-                fine: sides[1].0,
-                mediator,
-                junction,
-                options: options(table, sides),
-            },
-            weights,
-            partition: table.partition,
-            grid,
-            absorber,
-            advice,
-        })
+        let partners = Partners::new(&path, table, sides)?;
+        let mut built = partners.tie(self.name, (table, folder), (&overlap, &shape))?;
+        let spacing = built.spec.mediator.spacing();
+        built.advice = advise(table, sides, &*overlap, spacing, built.absorber.is_some());
+        Ok(built)
     }
 }
 
@@ -332,7 +300,7 @@ fn check_ends(
     Ok(())
 }
 
-fn options(table: &LoweredInterface, sides: Sides<'_>) -> InterfaceOptions<f64> {
+pub(super) fn options(table: &LoweredInterface, sides: Sides<'_>) -> InterfaceOptions<f64> {
     InterfaceOptions {
         sampling: match table.sampling {
             Some(chosen) => chosen,
@@ -365,7 +333,7 @@ fn overlap(path: &str, shape: &OverlapSource, folder: &Path) -> Result<Arc<dyn O
 
 /// Weights of the coarse model; without the nodes of the mediator, the cubic profile stands for the one that
 /// they decide.
-fn weights(
+pub(super) fn weights(
     path: &str,
     table: &WeightTable,
     overlap: &Arc<dyn Overlap<f64>>,
@@ -438,7 +406,7 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     s
 }
 
-fn junction(path: &str, table: &LoweredInterface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+pub(super) fn junction(path: &str, table: &LoweredInterface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
     let key_path = format!("{path}.junction.length");
     // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
     // conditioning is twenty times worse.
@@ -451,42 +419,4 @@ fn junction(path: &str, table: &LoweredInterface, spacing: f64) -> Result<Box<dy
         return Err(value(key_path, l, &rule));
     }
     table.junction.kind.junction(length).map_err(core(key_path))
-}
-
-fn absorber(
-    path: &str,
-    table: &AbsorberTable,
-    mediator_request: Request<'_>,
-    mediator: &Arc<FemField<f64>>,
-    overlap: &Arc<dyn Overlap<f64>>,
-    fine: &Body,
-) -> Result<Absorber<f64>> {
-    let path = format!("{path}.absorber");
-    let rate = match (table.rate, table.rate_factor) {
-        (Some(r), _) => r,
-        (None, factor) => {
-            factor.unwrap_or_default() * fastest(&path, fine, Elastic::bar_speed)? / fine.spacing
-        }
-    };
-    let resolved: Arc<dyn Interpolation<f64>> = match table.spacing {
-        None => mediator.clone(),
-        Some(h) => {
-            let request = Request {
-                key: &path,
-                spacing: Some(h),
-                divisions: None,
-                ..mediator_request
-            };
-            Arc::new(FemField::new(request.mesh()?))
-        }
-    };
-    let overlap = overlap.clone();
-    // Grows smoothly from zero at the border to the fine region, so that the absorber itself reflects no
-    // waves.
-    let field = move |x: &Point3<f64>| match overlap.place(x) {
-        Place::Fine => 0.0,
-        Place::Coarse => rate,
-        Place::Overlap(s) => rate * s * s,
-    };
-    Ok(Absorber::new(resolved, Arc::new(field)))
 }

@@ -5,10 +5,11 @@ use super::kinds::kind;
 use super::lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
 use super::mesh::Elements;
 use super::names::BODY;
-use super::zone::{Cut, Mark, Piece, Use, Zone, check_region};
+use super::zone::{self, Cut, Mark, Piece, Use, Zone, check_region};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    Interface, MediatorTable, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection, WeightTable, ZoneTable,
+    FollowTable, Interface, MediatorTable, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection,
+    WeightTable, ZoneTable,
 };
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -91,6 +92,22 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
     let zones = scene.zone.iter().map(zone).collect();
     let cut = Arc::new(Cut::new(body.clone(), elements, zones, marks(&scene)));
     let piece = |purpose: Use| Piece::new(cut.clone(), purpose);
+    if let Some((name, zone)) = following(&scene).map(|(n, z, _)| (n.to_owned(), z.clone())) {
+        zone::check(&scene)?;
+        // Both models are the whole body: either sleeps where its weight is zero.
+        let whole = LoweredModel {
+            shape: body.shape.clone(),
+            scale: body.scale,
+            volume: body.volume.clone(),
+            ..model(&zone, &body, piece(Use::Zone(0)))
+        };
+        let between = interface(&name, &zone, piece(Use::Between(0)));
+        scene.model.insert(name.clone(), whole);
+        scene.interface.insert(name, between);
+        let role = Some(RoleKind::Coarse);
+        scene.model.insert(BODY.to_owned(), LoweredModel { role, ..body });
+        return Ok(scene);
+    }
     for (k, (name, zone)) in scene.zone.iter().enumerate() {
         let model = model(zone, &body, piece(Use::Zone(k)));
         scene.model.insert(name.clone(), model);
@@ -108,6 +125,12 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
     };
     scene.model.insert(BODY.to_owned(), remainder);
     Ok(scene)
+}
+
+/// Returns the zone that goes where it is needed, with its name and limits.
+pub(crate) fn following(scene: &LoweredScene) -> Option<(&str, &ZoneTable, FollowTable)> {
+    let mut zones = scene.zone.iter();
+    zones.find_map(|(name, z)| z.follow.0.map(|f| (name.as_str(), z, f)))
 }
 
 /// Boxes in which loads and supports act on the body.

@@ -27,6 +27,7 @@ mod names;
 mod notch;
 mod origin;
 pub mod packing;
+mod partners;
 mod places;
 mod plausible;
 mod precheck;
@@ -65,6 +66,7 @@ pub(crate) use probe::acts;
 pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
+pub use zone::{Moving, Share};
 
 use crate::error::{Result, core, key, value};
 use crate::ranks::{RankLine, Ranks};
@@ -131,6 +133,7 @@ pub(crate) fn build_from(
     let models = bodies.iter().map(ModelInfo::from_body).collect();
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
+    let moving = Moving::from_scene(scene, &interfaces, &mut bodies, (folder, ranks))?;
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
     // Decided from the bodies, which the subdomains take over below.
@@ -168,6 +171,7 @@ pub(crate) fn build_from(
         warnings,
         bounds,
         zones,
+        moving,
         holdings,
         run,
         phases: Vec::new(),
@@ -293,9 +297,11 @@ fn subdomains_of(
             attachments.add(j.spec.fine, Box::new(a));
         }
     }
+    let sleeps = lower::following(scene).is_some();
     let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
         let own_step = time::own_step(scene, m);
         let built = subdomain(m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
+        let built = if sleeps { built.with_sleep() } else { built };
         Ok(match memory {
             Some(record) => built.with_memory(record),
             None => built,

@@ -5,7 +5,7 @@ use super::kind::Order;
 use super::kinds::{self, kind};
 use super::names::{effects_by_model, headline, model_index, model_indices};
 use super::shapes::ends;
-use super::{between, drive, load, places, probe, select, statics, time};
+use super::{between, drive, load, places, probe, select, statics, time, zone};
 use crate::error::{Result, key, unknown, value};
 use crate::setup::{BodyShape, LoweredModel, LoweredScene};
 use crate::spec::{Axis, Effect, Quantity, Reading, Selection};
@@ -54,6 +54,7 @@ pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Che
     acting(scene)?;
     watched(scene)?;
     statics::check_held(scene)?;
+    zone::check_supports(scene, folder)?;
     places::check_fillings(scene, folder)?;
     Ok(Checked { effects, interfaces })
 }

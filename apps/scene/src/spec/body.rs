@@ -1,6 +1,7 @@
 //! `[zone.NAME]`: a fine model that replaces the body's model in a region.
 
 use super::choice::choice;
+use super::follow::Follow;
 use super::interface::{Absorber, JunctionTable, RegionShape, SolverKind, WeightTable};
 use super::model::{CnemTable, DemTable, FemTable, Material, ModelKind, OwnStepTable};
 use super::schema;
@@ -65,6 +66,10 @@ pub struct ZoneTable {
     /// Damping of waves that the body's model cannot carry; give it without `spacing`.
     #[schemars(extend("not" = { "required": ["spacing"] }))]
     pub absorber: Option<Absorber>,
+    /// Lets the zone go where it is needed: `true`, or a table with its limits. It needs `kind = "dem"` and no
+    /// other zone. Spheres fill the whole body, `shape` is where they begin.
+    #[serde(default)]
+    pub follow: Follow,
 }
 
 /// The layer around a zone.

@@ -4,6 +4,7 @@ mod body;
 mod choice;
 mod drive;
 mod effect;
+mod follow;
 mod interface;
 mod model;
 mod probe;
@@ -15,6 +16,7 @@ mod wake;
 pub use body::{ZoneMediator, ZoneOverlap, ZoneShape, ZoneTable};
 pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin, Support, TimeShape, Wave};
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
+pub use follow::{Follow, FollowTable};
 pub use interface::{
     Absorber, Interface, JunctionKind, JunctionTable, MediatorTable, OverlapShape, ProfileKind, ProfileTable,
     RegionShape, SolverKind, WeightTable,

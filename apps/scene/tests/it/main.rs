@@ -5,6 +5,7 @@ mod cracks;
 mod end_zones;
 mod energy_release;
 mod far_field;
+mod follow;
 mod fracture_energy;
 mod fragments;
 mod intrusions;

@@ -27,8 +27,35 @@ use crate::interface::InterfaceSpec;
 use crate::subdomain::{OwnStep, Subdomain};
 use crate::weight::Weights;
 use crate::{Error, Real, Result};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
+use std::sync::Arc;
 use transfer::Giver;
+
+/// Displacement \[m\] and rotation \[rad\] of a fine node beside those of the coarse field, in each of the unit
+/// strains `xx yy zz yz zx xy` (shears as `γ = 2ε`). A body that is not homogeneous carries no field of uniform
+/// strain in equilibrium: a random packing shares a load unevenly.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response<T: Real>(pub [[Vector3<T>; 2]; 6]);
+
+impl<T: Real> Response<T> {
+    /// Displacement and rotation in a field with the gradient `∂u_i/∂x_j` \[–\].
+    pub fn at(&self, gradient: &Matrix3<T>) -> [Vector3<T>; 2] {
+        let h = |i: usize, j: usize| gradient[(i, j)];
+        let strains = [
+            h(0, 0),
+            h(1, 1),
+            h(2, 2),
+            h(1, 2) + h(2, 1),
+            h(2, 0) + h(0, 2),
+            h(0, 1) + h(1, 0),
+        ];
+        let mut out = [Vector3::zeros(); 2];
+        for (e, units) in strains.iter().zip(&self.0) {
+            (0..2).for_each(|w| out[w] += units[w] * *e);
+        }
+        out
+    }
+}
 
 /// New weights of a run, and what must be made anew with them ([`Coupled::rezone`]).
 ///
@@ -38,6 +65,7 @@ pub struct Rezoning<T: Real> {
     weights: Vec<(usize, Weights<T>)>,
     effects: Vec<(usize, Box<dyn EffectSpec<T>>)>,
     interfaces: Vec<InterfaceSpec<T>>,
+    responses: Vec<(usize, Arc<Vec<Response<T>>>)>,
 }
 
 impl<T: Real> std::fmt::Debug for Rezoning<T> {
@@ -57,7 +85,16 @@ impl<T: Real> Rezoning<T> {
             weights: Vec::new(),
             effects: Vec::new(),
             interfaces,
+            responses: Vec::new(),
         }
+    }
+
+    /// Adds the responses of all nodes of a fine subdomain to strains of its coarse partners: what its nodes
+    /// receive is then nearer to equilibrium than the coarse field alone.
+    #[must_use]
+    pub fn with_responses(mut self, subdomain: usize, responses: Arc<Vec<Response<T>>>) -> Self {
+        self.responses.push((subdomain, responses));
+        self
     }
 
     /// Adds the new weights of a subdomain.
@@ -140,7 +177,8 @@ impl<T: Real> Coupled<T> {
     ///
     /// # Errors
     /// [`Error::Unsupported`] for external solvers, models in parts on several ranks, weights at nodes,
-    /// models that change themselves, effects between two models, and a node that would wake without a giver.
+    /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models,
+    /// and a node that would wake without a giver.
     /// [`Error::InvalidParameter`] for interfaces or effects that are not those of the run. Errors of the
     /// set-up for weights and interfaces; [`Error::UnstableStep`] if the run's step is too long for the new
     /// weights. The run is unusable after an error of the set-up.
@@ -150,6 +188,7 @@ impl<T: Real> Coupled<T> {
             weights,
             mut effects,
             interfaces,
+            responses,
         } = change;
         // The invariant that the next step would have found. Nothing is changed before, so an error up to
         // here leaves the run usable.
@@ -163,7 +202,7 @@ impl<T: Real> Coupled<T> {
         }
         // All weights are new by now, so that a gain is the difference between both masses of a node, in
         // whatever order the subdomains came.
-        transfer::hand_over(&mut self.subdomains, &givers, &interfaces)?;
+        transfer::hand_over(&mut self.subdomains, &givers, (&interfaces, &responses))?;
         // Taken before displacement jumps are removed: the parts "potential" and "kinetic" are those of the
         // transfer alone.
         energies.push(self.energies());
@@ -244,6 +283,13 @@ impl<T: Real> Coupled<T> {
                 return Err(invalid("subdomain of new weights", k, &rule));
             }
             self.subdomains[k].check_rezoning(&change.weights[n].1)?;
+        }
+        for (k, responses) in &change.responses {
+            let nodes = self.subdomains.get(*k).map_or(0, |s| s.model().layout().nodes);
+            if responses.len() != nodes {
+                let rule = format!("must be {nodes}, one for each node of subdomain {k}");
+                return Err(invalid("number of responses", responses.len(), &rule));
+            }
         }
         // Only subdomains with new weights take effects: others would lose theirs without a word.
         if let Some((k, _)) = change

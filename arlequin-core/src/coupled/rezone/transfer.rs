@@ -6,6 +6,7 @@
 //! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. A coarse node that
 //! sleeps beside a gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
 
+use super::Response;
 use crate::field::{Interpolation, ShapeRow, outside};
 use crate::interface::InterfaceSpec;
 use crate::reach::Reach;
@@ -19,6 +20,9 @@ use std::sync::Arc;
 const DIGITS: f64 = 16.0;
 /// Spread of fine nodes along an axis, relative to the largest, below which a slope along it is not fitted.
 const FLAT: f64 = 1e-6;
+
+/// Number of a subdomain, and the responses of its nodes.
+type Responses<T> = (usize, Arc<Vec<Response<T>>>);
 
 /// Masses and state of a subdomain before the change.
 pub(super) struct Giver<T: Real> {
@@ -83,7 +87,7 @@ impl<T: Real> Giver<T> {
 pub(super) fn hand_over<T: Real>(
     subdomains: &mut [Subdomain<T>],
     givers: &[Giver<T>],
-    ties: &[InterfaceSpec<T>],
+    (ties, responses): (&[InterfaceSpec<T>], &[Responses<T>]),
 ) -> Result<()> {
     let gains: Vec<_> = givers.iter().zip(&*subdomains).map(|(g, s)| g.gains(s)).collect();
     // The states of all models are found before one is written: an error leaves all of them as they were.
@@ -117,7 +121,8 @@ pub(super) fn hand_over<T: Real>(
             return Err(unsupported(&subdomains[k], format!("gain weight: {why}")));
         }
         let states = if fine.is_empty() {
-            from_coarse(k, gains, subdomains, givers, (&coarse, ties))?
+            let own = responses.iter().find(|r| r.0 == k).map(|r| r.1.as_slice());
+            from_coarse((k, own), gains, subdomains, givers, (&coarse, ties))?
         } else {
             Means::new(k, gains, subdomains, givers, &fine)?.states(&subdomains[k], &givers[k], gains)?
         };
@@ -386,7 +391,7 @@ fn coarse_state<T: Real>(
 
 /// Returns the states that the gaining nodes of a fine model receive from coarse fields.
 fn from_coarse<T: Real>(
-    fine: usize,
+    (fine, responses): (usize, Option<&[Response<T>]>),
     gains: &[bool],
     subdomains: &[Subdomain<T>],
     givers: &[Giver<T>],
@@ -396,8 +401,9 @@ fn from_coarse<T: Real>(
     let turns = s.model().layout().turns();
     // Sums of shares, and of shares times displacement, velocity, rotation, spin.
     let mut sums = vec![(T::zero(), [Vector3::zeros(); 4]); gains.len()];
+    let gradient = turns || responses.is_some();
     for &p in partners {
-        let rows = rows(&**subdomains[p].field(), s, &|node| gains[node], turns)?;
+        let rows = rows(&**subdomains[p].field(), s, &|node| gains[node], gradient)?;
         let vectors = coarse_state(p, &rows, subdomains, givers, ties)?;
         for (i, row) in rows
             .iter()
@@ -409,12 +415,25 @@ fn from_coarse<T: Real>(
             let share = givers[p].weight.value(&s.model().nodes()[i]).max(T::epsilon());
             let (total, sum) = &mut sums[i];
             *total += share;
+            let mut slopes = [Matrix3::zeros(); 2];
             for (k, (&j, &n)) in row.nodes.iter().zip(&row.values).enumerate() {
                 for (what, u) in vectors[j].iter().enumerate() {
                     sum[what] += u * (n * share);
                     if turns {
                         // Half the curl: ½ ∇N × u.
                         sum[2 + what] += row.gradients[k].cross(u) * (share * T::of(0.5));
+                    }
+                    if gradient {
+                        slopes[what] += u * row.gradients[k].transpose() * share;
+                    }
+                }
+            }
+            if let Some(responses) = responses {
+                for (what, slope) in slopes.iter().enumerate() {
+                    let [u, turn] = responses[i].at(slope);
+                    sum[what] += u;
+                    if turns {
+                        sum[2 + what] += turn;
                     }
                 }
             }

@@ -2,6 +2,7 @@
 
 use super::{Array, Entry, Picture, Piece, Writer};
 use crate::error::Result;
+use crate::output::painter::ASLEEP;
 use crate::output::{put, put_with};
 use arlequin::dem_beam::vtu::{CELL_NUMBERS, GHOSTS, POINT_NUMBERS};
 use std::fmt::Write as _;
@@ -78,6 +79,18 @@ impl<'a> Appended<'a> {
     }
 }
 
+/// Marks in VTK's array of ghosts: what sleeps is not drawn.
+const HIDDEN_POINT: u8 = 2;
+const HIDDEN_CELL: u8 = 32;
+
+/// Hides points or cells that sleep.
+fn hide<'a>(a: &mut Appended<'a>, arrays: &'a [Array<'_>], mark: u8) {
+    for x in arrays.iter().filter(|x| x.name == ASLEEP) {
+        let marks = x.values.iter().map(move |v| [if *v > 0.0 { mark } else { 0 }]);
+        a.add("UInt8", GHOSTS, 1, x.values.len(), marks);
+    }
+}
+
 /// Returns the attributes of an array: type, name and number of components.
 fn array_attributes(kind: &str, name: &str, components: usize) -> String {
     let name = escape(name);
@@ -110,6 +123,7 @@ impl Writer for Vtu {
         let (grid, mut a) = (picture.grid, Appended::default());
         a.section("PointData", piece.map(|_| POINT_NUMBERS), |a| {
             picture.points.iter().for_each(|x| a.floats(x));
+            hide(a, &picture.points, HIDDEN_POINT);
             if let Some(p) = piece {
                 a.numbers(POINT_NUMBERS, &p.points);
                 let ghosts = (0..p.points.len()).map(|k| [u8::from(k >= p.owned)]);
@@ -118,6 +132,7 @@ impl Writer for Vtu {
         });
         a.section("CellData", piece.map(|_| CELL_NUMBERS), |a| {
             picture.cells.iter().for_each(|x| a.floats(x));
+            hide(a, &picture.cells, HIDDEN_CELL);
             if let Some(p) = piece {
                 a.numbers(CELL_NUMBERS, &p.cells);
             }

@@ -80,6 +80,24 @@ impl Division {
     }
 }
 
+impl Division {
+    /// Divides the body for a zone that has moved: it has the elements of `core`, and all elements closer to
+    /// them than the width of the overlap are shared.
+    pub(super) fn moved(&self, cut: &Cut, zone: usize, core: &[bool]) -> Result<Self> {
+        let deal = Deal::around(self.field.mesh(), core, cut, zone)?;
+        let owner = |side: &Side| match side {
+            Side::Beyond => Owner::Body,
+            Side::Core => Owner::Zone(zone),
+            Side::Layer => Owner::Both(zone),
+        };
+        Ok(Self {
+            field: self.field.clone(),
+            owners: Arc::new(deal.sides.iter().map(owner).collect()),
+            zones: vec![deal.across()?],
+        })
+    }
+}
+
 /// Position of an element with respect to one zone: own element, overlap, or beyond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
@@ -125,6 +143,33 @@ impl<'a> Deal<'a> {
         // Elements of the layer between elements of the core would have the position zero throughout.
         deal.fill(Side::Layer, Side::Core);
         deal.round(cut.zones[zone].has_spheres)?;
+        Ok(deal)
+    }
+
+    fn around(mesh: &'a Mesh<f64>, core: &[bool], cut: &'a Cut, zone: usize) -> Result<Self> {
+        let Zone { name, table, .. } = &cut.zones[zone];
+        let width = table.overlap.width;
+        let side = |own: &bool| if *own { Side::Core } else { Side::Layer };
+        let mut deal = Self {
+            mesh,
+            name,
+            width,
+            sides: core.iter().map(side).collect(),
+        };
+        let border = deal.between(Side::Core);
+        // The distance at a node serves all of its elements.
+        let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| border.distance(x)).collect();
+        let slack = ON_BORDER * mesh.spacing();
+        for e in (0..core.len()).filter(|e| !core[*e]) {
+            let corners = mesh.element(e).iter().map(|&k| at_nodes[k as usize]);
+            let least = corners.fold(border.distance(&centroid(mesh, e)), f64::min);
+            if border.is_empty() || least >= width - slack {
+                deal.sides[e] = Side::Beyond;
+            }
+        }
+        deal.fill(Side::Layer, Side::Core);
+        // Spheres fill the body, not the zone: its surface may have any form.
+        deal.round(false)?;
         Ok(deal)
     }
 
@@ -326,7 +371,7 @@ pub(super) fn faces_of(
     })
 }
 
-fn centroid(mesh: &Mesh<f64>, e: usize) -> Point3<f64> {
+pub(super) fn centroid(mesh: &Mesh<f64>, e: usize) -> Point3<f64> {
     let corners = mesh.element(e);
     let sum = corners
         .iter()

@@ -6,13 +6,19 @@
 
 mod around;
 mod divide;
+mod held;
 mod likeness;
+mod moving;
 mod place;
 mod probes;
 mod region;
+mod response;
 
 pub use super::packing::Likeness;
+pub(super) use held::check_supports;
 pub(super) use likeness::{Supports, Twin};
+pub(super) use moving::check;
+pub use moving::{Moving, Share};
 pub(super) use probes::with_probes_in_zones;
 pub(super) use region::check_region;
 
@@ -106,7 +112,7 @@ pub(super) struct Cut {
 }
 
 /// A zone of a body.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Zone {
     pub name: String,
     pub table: ZoneTable,
@@ -176,6 +182,19 @@ impl Piece {
     /// Piece of a divided body.
     pub(super) fn new(cut: Arc<Cut>, purpose: Use) -> Self {
         Self { cut, purpose }
+    }
+
+    /// Returns this piece of the body after the zone has moved to the elements of `core`.
+    fn moved(&self, core: &[bool], folder: &Path) -> Result<Self> {
+        let division = self.cut.division(folder)?;
+        let cut = Cut {
+            body: self.cut.body.clone(),
+            elements: self.cut.elements,
+            zones: self.cut.zones.clone(),
+            marks: Vec::new(),
+            division: OnceLock::from(division.moved(&self.cut, self.number(), core)?),
+        };
+        Ok(Self::new(Arc::new(cut), self.purpose))
     }
 
     /// Checks what can be checked before anything is meshed.
@@ -268,6 +287,12 @@ impl Piece {
             return mesh.surface(group).map_err(fem("body"));
         }
         Ok(Vec::new())
+    }
+
+    /// For each element of the body: true if it belongs to this zone alone.
+    fn elements_alone(&self, folder: &Path) -> Result<Vec<bool>> {
+        let owners = self.cut.division(folder)?.owners.iter();
+        Ok(owners.map(|o| *o == divide::Owner::Zone(self.number())).collect())
     }
 
     /// For each node of the body: true if all of its elements belong to this zone alone.

@@ -1,0 +1,362 @@
+//! Decides where a zone goes that follows (`zone.NAME.follow`), and moves it.
+//!
+//! At every look, each bond has a utilisation: its load over its strength, as a number that grows in
+//! proportion to the displacements. Bonds with an end in the zone alone have that of their own state, the
+//! others that of the body's field at their ends, with half its curl as rotations. Then
+//!
+//! ```text
+//! an element joins the zone if a bond in it outside of the zone has        u ≥ wake
+//! all elements join within `margin` elements of a bond that broke or has   u ≥ 0.8
+//! an element woke too late if a bond in it slept at                        u ≥ 1
+//! ```
+//!
+//! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
+//! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
+//! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support stay with the body.
+
+use crate::error::{Error, Result, core, key};
+use crate::output::summary::Conversion;
+use crate::setup::{Built, Grid, Moving, Share};
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::{Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
+use arlequin::dem_beam::fracture::{SharedLog, locked};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Utilisation above which a bond needs elements of the zone around it.
+const HOT: f64 = 0.8;
+/// Elements beyond the margin that join in a change that is due.
+const AHEAD: usize = 2;
+/// Share of `wake` above which elements join in a change that is due.
+const SOON: f64 = 0.9;
+
+/// State of a zone that follows, for checkpoints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Followed {
+    /// For each element of the body: true if the zone has it alone.
+    core: Vec<bool>,
+    /// Changes of weights so far.
+    pub(super) conversions: Vec<Conversion>,
+    /// Number of breaks at the last look.
+    seen: usize,
+    /// True if an element has woken too late.
+    late: bool,
+}
+
+/// A zone that follows.
+#[derive(Debug)]
+pub(crate) struct Follow {
+    moving: Moving,
+    /// Mediator after a change, until it is shown.
+    pub(super) mediator: Option<Grid>,
+    pub(super) state: Followed,
+    every: usize,
+    log: SharedLog,
+    shares: Vec<Share>,
+    /// Element of each sphere, and that of the middle of each bond.
+    homes: [Vec<u32>; 2],
+    /// Shape functions of the body at each sphere.
+    rows: Vec<Placed>,
+    /// Elements that share a node with each element.
+    neighbours: Vec<Vec<u32>>,
+    middles: Vec<Vector3<f64>>,
+    /// For each element: the support for which it stays with the body.
+    barred: Vec<Option<usize>>,
+}
+
+/// Shape functions of a field at a point inside it, and the way from there to a point that may lie outside.
+#[derive(Debug)]
+struct Placed {
+    row: ShapeRow<f64>,
+    way: Vector3<f64>,
+}
+
+impl Placed {
+    /// Goes from `x` towards `centre`, which lies in the field, as far as necessary.
+    fn new(
+        field: &dyn Interpolation<f64>,
+        x: &Point3<f64>,
+        centre: &Point3<f64>,
+    ) -> std::result::Result<Self, Core> {
+        let mut row = ShapeRow::default();
+        let mut last = Ok(());
+        for tenths in 0..=10 {
+            let way = (x - centre) * (0.1 * f64::from(tenths));
+            last = field.shape_at(&(x - way), true, &mut row);
+            match last {
+                Ok(()) => return Ok(Self { row, way }),
+                Err(Core::OutsideDomain { .. }) => {}
+                Err(e) => return Err(e),
+            }
+        }
+        last.map(|()| Self {
+            row,
+            way: Vector3::zeros(),
+        })
+    }
+}
+
+/// What a look finds: the elements that the zone should have, the worst bond that slept, and a support that
+/// keeps the zone from where bonds are loaded.
+struct Look {
+    core: Vec<bool>,
+    late: Option<(usize, f64)>,
+    barred: Option<usize>,
+}
+
+impl Follow {
+    /// Prepares the watch of a run's zone, if it has one that follows.
+    pub(super) fn new(built: &Built) -> Result<Option<Self>> {
+        let Some(moving) = built.moving.clone() else {
+            return Ok(None);
+        };
+        let [body, spheres] = moving.models().map(|m| &built.run.subdomains()[m]);
+        let [body_info, info] = moving.models().map(|m| &built.models[m]);
+        let (Some(log), Some(bonds)) = (info.breaks.clone(), spheres.model().views().breakable) else {
+            return Err(key(
+                format!("zone.{}.follow", moving.name),
+                "needs an effect fracture on the zone",
+            ));
+        };
+        let nodes = spheres.model().nodes();
+        let middle = |pair: &[u32; 2]| {
+            let [a, b] = pair.map(|i| nodes[i as usize].coords);
+            (a + b) * 0.5
+        };
+        let middles: Vec<Vector3<f64>> = bonds.parts().iter().map(middle).collect();
+        let of_spheres = homes(&moving, nodes.iter().map(|x| x.coords))?;
+        let of_bonds = homes(&moving, middles.iter().copied())?;
+        let field = &*body_info.field;
+        let centres = moving.centres()?;
+        let placed = nodes.par_iter().zip(&of_spheres);
+        let placed = placed.map(|(x, e)| Placed::new(field, x, &centres[*e as usize]));
+        let rows: std::result::Result<Vec<_>, Core> = placed.collect();
+        let shares = moving.shares()?;
+        let speed = body_info.material.as_ref().map_or(0.0, |m| m.p_wave_speed());
+        let crossing = body_info.spacing / (speed * built.run.dt());
+        let every = moving.limits.every.unwrap_or(1.max(crossing.floor() as usize));
+        debug_assert_eq!(body.model().nodes().len(), moving.mesh()?.nodes().len());
+        Ok(Some(Self {
+            state: Followed {
+                core: shares.iter().map(|s| *s == Share::Zone).collect(),
+                conversions: Vec::new(),
+                seen: 0,
+                late: false,
+            },
+            neighbours: neighbours(&moving)?,
+            barred: moving.barred()?,
+            rows: rows.map_err(core("body"))?,
+            homes: [of_spheres, of_bonds],
+            moving,
+            mediator: None,
+            every,
+            log,
+            shares,
+            middles,
+        }))
+    }
+
+    /// Looks at the bonds if a look is due, and moves the zone if it must. Returns warnings.
+    pub(super) fn look(&mut self, run: &mut Coupled<f64>) -> Result<Vec<String>> {
+        if !run.steps().is_multiple_of(self.every) {
+            return Ok(Vec::new());
+        }
+        let since = Instant::now();
+        let look = self.wanted(run);
+        let mut warnings = Vec::new();
+        if let Some((bond, u)) = look.late.filter(|_| !self.state.late) {
+            self.state.late = true;
+            let [x, y, z]: [f64; 3] = self.middles[bond].into();
+            let text = format!(
+                "zone '{}' woke too late: at t = {:.4e} s the body's field loads a bond that slept at ({x:.3e}, {y:.3e}, {z:.3e}) m \
+                 to {u:.2} of its strength; take a lower wake, a smaller every, or a larger shape",
+                self.moving.name,
+                run.time()
+            );
+            if self.moving.limits.strict {
+                return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
+            }
+            warnings.push(text);
+        }
+        if let Some(k) = look.barred {
+            warnings.push(format!(
+                "zone '{}' would have to reach {}, where spheres at a face and the body's field at their depth differ: it stays an \
+                 element and an overlap's width off, and what breaks there breaks in the overlap or not at all; take a larger body",
+                self.moving.name,
+                self.moving.support(k)
+            ));
+        }
+        if look.core != self.state.core {
+            match self.moving.moved(&look.core) {
+                Ok(moved) => self.change(moved, run, since)?,
+                Err(e) => {
+                    warnings.push(format!(
+                        "zone '{}' cannot grow to where bonds are loaded: {}",
+                        self.moving.name,
+                        self.moving.place_of(e)
+                    ));
+                }
+            }
+        }
+        Ok(warnings)
+    }
+
+    /// Brings a run to the zone of a checkpoint, whose state is restored next.
+    pub(super) fn restore(&mut self, saved: Followed, run: &mut Coupled<f64>) -> Result<()> {
+        if saved.core.len() != self.state.core.len() {
+            return Err(key("body", "has another number of elements than the checkpoint"));
+        }
+        if !saved.conversions.is_empty() {
+            let moved = self.moving.moved(&saved.core)?;
+            let (change, mediator) = moved.rezoning()?;
+            run.rezone(change).map_err(core("zone"))?;
+            self.mediator = Some(mediator);
+            self.shares = moved.shares()?;
+            self.moving = moved;
+        }
+        self.state = saved;
+        Ok(())
+    }
+
+    /// Changes the weights of the run.
+    fn change(&mut self, moved: Moving, run: &mut Coupled<f64>, since: Instant) -> Result<()> {
+        let shares = moved.shares()?;
+        let cells = |shares: &[Share]| shares.iter().filter(|s| **s == Share::Zone).count();
+        let before = cells(&self.shares);
+        let (change, mediator) = moved.rezoning()?;
+        let done = run.rezone(change).map_err(core("time"))?;
+        self.mediator = Some(mediator);
+        // The overlap may take elements of its own accord: what the zone has is what the division says.
+        self.state.core = shares.iter().map(|s| *s == Share::Zone).collect();
+        let spheres = done.awake[moved.models()[1]];
+        self.state.conversions.push(Conversion {
+            time: run.time(),
+            step: run.steps(),
+            cells: [before, cells(&shares)],
+            spheres,
+            work: done.work,
+            parts: [done.potential, done.kinetic, done.rigid, done.start],
+            seconds: since.elapsed().as_secs_f64(),
+        });
+        (self.moving, self.shares) = (moved, shares);
+        Ok(())
+    }
+
+    /// Finds the elements that the zone should have.
+    fn wanted(&mut self, run: &Coupled<f64>) -> Look {
+        let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
+        let [of_spheres, of_bonds] = &self.homes;
+        let limits = self.moving.limits;
+        let mut hot = vec![false; self.shares.len()];
+        let (all, seen) = {
+            let log = locked(&self.log);
+            let new = log.events()[self.state.seen.min(log.events().len())..].iter();
+            new.for_each(|e| hot[of_bonds[e.bond as usize] as usize] = true);
+            (log.events().len(), self.state.seen)
+        };
+        debug_assert!(all >= seen);
+        self.state.seen = all;
+        let mut out = Look {
+            core: self.state.core.clone(),
+            late: None,
+            barred: None,
+        };
+        let Some(bonds) = spheres.model().views().breakable else {
+            return out;
+        };
+        let pairs = bonds.parts();
+        let in_zone = |b: usize| {
+            let ends = pairs[b].map(|i| self.shares[of_spheres[i as usize] as usize]);
+            ends.contains(&Share::Zone)
+        };
+        let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
+        let own = bonds.utilisations(&spheres.state().q, &awake);
+        let in_field = bonds.utilisations(&self.field_at_spheres(body, spheres), &|b| !in_zone(b));
+        let mut soon = vec![false; hot.len()];
+        for (b, e) in of_bonds.iter().enumerate() {
+            let (e, u) = (*e as usize, in_field[b]);
+            hot[e] |= own[b] >= HOT;
+            out.core[e] |= u >= limits.wake;
+            soon[e] |= u >= SOON * limits.wake;
+            if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
+                out.late = Some((b, u));
+            }
+        }
+        hot = self.around(hot, limits.margin);
+        let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
+        join(&mut out.core, &hot);
+        for (core, support) in out.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = support.is_none();
+            out.barred = out.barred.or(*support);
+        }
+        if out.core != self.state.core {
+            join(&mut out.core, &self.around(hot, AHEAD));
+            join(&mut out.core, &soon);
+            let free = self.barred.iter().map(Option::is_none);
+            out.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
+        }
+        out
+    }
+
+    /// Elements within `layers` elements of some.
+    fn around(&self, mut some: Vec<bool>, layers: usize) -> Vec<bool> {
+        for _ in 0..layers {
+            let grown = |e: usize| some[e] || self.neighbours[e].iter().any(|k| some[*k as usize]);
+            some = (0..some.len()).map(grown).collect();
+        }
+        some
+    }
+
+    /// Displacements and rotations of the spheres in the body's field.
+    fn field_at_spheres(&self, body: &Subdomain<f64>, spheres: &Subdomain<f64>) -> Vec<f64> {
+        let q = &body.state().q;
+        let mut out = vec![0.0; spheres.state().q.len()];
+        let (linear, angular) = out.split_at_mut(spheres.model().layout().translations());
+        let each = linear
+            .par_chunks_exact_mut(3)
+            .zip(angular.par_chunks_exact_mut(3));
+        let places = self.rows.par_iter().zip(&*self.moving.responses);
+        each.zip(places)
+            .for_each(|((u, th), (Placed { row, way }, response))| {
+                let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
+                let mut slope = Matrix3::zeros();
+                for (k, &node) in row.nodes.iter().enumerate() {
+                    let d = Vector3::from_column_slice(&q[3 * node..3 * node + 3]);
+                    value += d * row.values[k];
+                    turn += row.gradients[k].cross(&d) * 0.5;
+                    slope += d * row.gradients[k].transpose();
+                }
+                // Outside, the field goes on linearly.
+                let own = response.at(&slope);
+                u.copy_from_slice((value + slope * way + own[0]).as_slice());
+                th.copy_from_slice((turn + own[1]).as_slice());
+            });
+        out
+    }
+}
+
+/// Element of the body at each of some places.
+fn homes(moving: &Moving, places: impl Iterator<Item = Vector3<f64>>) -> Result<Vec<u32>> {
+    places
+        .map(|x| Ok(moving.element_at(&x.into())? as u32))
+        .collect::<Result<_, Error>>()
+}
+
+fn neighbours(moving: &Moving) -> Result<Vec<Vec<u32>>> {
+    let mesh = moving.mesh()?;
+    let mut around = vec![Vec::new(); mesh.nodes().len()];
+    for e in 0..mesh.element_count() {
+        mesh.element(e)
+            .iter()
+            .for_each(|k| around[*k as usize].push(e as u32));
+    }
+    let of_element = |e: usize| {
+        let nodes = mesh.element(e).iter();
+        let mut out: Vec<u32> = nodes.flat_map(|k| around[*k as usize].iter().copied()).collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    };
+    Ok((0..mesh.element_count()).map(of_element).collect())
+}

@@ -1,0 +1,274 @@
+//! A zone that goes where it is needed (`zone.NAME.follow`): the body's elements and the spheres are there
+//! everywhere, and weights say which of both a place belongs to. This module has the division of the body at
+//! any time and builds what a change of weights needs; the run decides when (`run::follow`).
+
+use super::Piece;
+use super::divide::{Owner, centroid};
+use super::{held, response};
+use crate::error::{Error, Result, key, value};
+use crate::ranks::Ranks;
+use crate::setup::body::Body;
+use crate::setup::interface::BuiltInterface;
+use crate::setup::kinds::kind;
+use crate::setup::lower::following;
+use crate::setup::mesh::Grid;
+use crate::setup::partners::Partners;
+use crate::setup::support;
+use crate::setup::weights::model_weights;
+use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive};
+use crate::spec::{CriterionKind, EffectKind, FollowTable};
+use arlequin::core::nalgebra::Point3;
+use arlequin::core::{Response, Rezoning};
+use arlequin::fem_ref::Mesh;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Models that an element of the body belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Share {
+    /// The body's elements alone; spheres sleep.
+    Body,
+    /// The spheres alone; the body's elements sleep.
+    Zone,
+    /// Both, in the overlap.
+    Both,
+}
+
+/// A zone that moves, where it is now.
+#[derive(Debug, Clone)]
+pub struct Moving {
+    /// Name of the zone.
+    pub name: String,
+    /// Limits at which it grows.
+    pub limits: FollowTable,
+    table: LoweredInterface,
+    piece: Piece,
+    partners: Partners,
+    scene: LoweredScene,
+    folder: PathBuf,
+    /// Responses of the spheres to strains of the body.
+    pub(crate) responses: Arc<Vec<Response<f64>>>,
+}
+
+/// Refuses what a zone that moves cannot have, before anything is built.
+pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
+    let Some((name, zone, limits)) = following(scene) else {
+        return Ok(());
+    };
+    let path = format!("zone.{name}.follow");
+    if !(limits.wake > 0.0 && limits.wake <= 1.0) {
+        let rule = "must be above 0 and at most 1 [-]; 0.4 is usual";
+        return Err(value(format!("{path}.wake"), limits.wake, rule));
+    }
+    for (name, count) in [("margin", limits.margin), ("every", limits.every.unwrap_or(1))] {
+        if count == 0 {
+            return Err(value(format!("{path}.{name}"), 0, "must be at least 1"));
+        }
+    }
+    let refuse = |rule: &str| Err(key(path.clone(), rule));
+    if !kind(zone.kind).has_spheres() {
+        return refuse("only spheres break: take kind = \"dem\" for the zone, or remove follow");
+    }
+    if scene.zone.len() > 1 {
+        return refuse("a zone that moves must be the only one; make one zone of all, or remove follow");
+    }
+    if !scene.load.is_empty() {
+        return refuse("a load would have to move with the zone; move a support instead, or remove follow");
+    }
+    if scene.statics.is_some() || scene.wake.is_some() {
+        return refuse("has no meaning with [static] or [wake]; remove one of them");
+    }
+    if zone.dem.loose == crate::spec::LooseKind::Keep {
+        return refuse(
+            "loose grains need contact, which a zone that moves cannot have; take dem.loose = \"drop\"",
+        );
+    }
+    let mut breaks = false;
+    for e in scene.effect.iter().filter(|e| e.enabled) {
+        match &e.kind {
+            EffectKind::Fracture(f) if f.criterion == Some(CriterionKind::Hydrostatic) => {
+                return refuse("the criterion hydrostatic has strengths of particles; take one of bonds");
+            }
+            EffectKind::Fracture(_) => breaks = true,
+            EffectKind::BodyForce(_)
+            | EffectKind::MassDamping(_)
+            | EffectKind::StiffnessDamping(_)
+            | EffectKind::LocalDamping(_)
+            | EffectKind::Prestress(_) => {}
+            EffectKind::Contact(_) | EffectKind::Obstacle(_) | EffectKind::BulkViscosity(_) => {
+                let rule = format!(
+                    "the scene has {}, which spheres and elements that sleep cannot have; remove it, or follow",
+                    e.kind.key()
+                );
+                return refuse(&rule);
+            }
+        }
+    }
+    if !breaks {
+        return refuse("nothing breaks, and strengths decide where the zone goes; add an effect fracture");
+    }
+    Ok(())
+}
+
+impl Moving {
+    /// Prepares the zone of a scene that goes where it is needed, if there is one.
+    pub(in crate::setup) fn from_scene(
+        scene: &LoweredScene,
+        built: &[BuiltInterface],
+        bodies: &mut [Body],
+        (folder, ranks): (&Path, &Ranks),
+    ) -> Result<Option<Self>> {
+        let Some((name, _, limits)) = following(scene) else {
+            return Ok(None);
+        };
+        if ranks.count() > 1 {
+            let rule = "weights cannot change on several ranks; run the scene on one, or remove follow";
+            return Err(key(format!("zone.{name}.follow"), rule));
+        }
+        let table = &scene.interface[name];
+        let own = built.iter().find(|b| b.spec.name == name);
+        let (Some(own), OverlapSource::Zone(piece)) = (own, &table.overlap) else {
+            return Ok(None);
+        };
+        let [coarse, fine] = own.partners.models;
+        let speed = bodies[coarse].material.as_ref().map_or(0.0, |m| m.bar_speed());
+        let rate = speed / bodies[coarse].spacing;
+        let motions = support::motions(scene, bodies, folder)?;
+        let of_spheres = motions.iter().filter(|(m, _)| *m == fine);
+        let held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
+        let responses = response::responses(&mut *bodies[fine].model, rate, &held)?;
+        Ok(Some(Self {
+            responses: Arc::new(responses),
+            name: name.to_owned(),
+            limits,
+            table: table.clone(),
+            piece: piece.clone(),
+            partners: own.partners.clone(),
+            scene: scene.clone(),
+            folder: folder.to_owned(),
+        }))
+    }
+
+    /// Numbers of the body's model and of the spheres.
+    pub(crate) fn models(&self) -> [usize; 2] {
+        self.partners.models
+    }
+
+    /// Elements of the body.
+    ///
+    /// # Errors
+    /// A body that cannot be meshed or divided.
+    pub(crate) fn mesh(&self) -> Result<&Mesh<f64>> {
+        self.piece.whole(&self.folder)
+    }
+
+    /// Models that each element belongs to.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn shares(&self) -> Result<Vec<Share>> {
+        let owners = self.piece.cut.division(&self.folder)?.owners.iter();
+        let share = |owner: &Owner| match owner {
+            Owner::Body => Share::Body,
+            Owner::Zone(_) => Share::Zone,
+            Owner::Both(_) => Share::Both,
+        };
+        Ok(owners.map(share).collect())
+    }
+
+    /// For each element of the body: the support for which the zone must leave it to the body.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn barred(&self) -> Result<Vec<Option<usize>>> {
+        self.piece.barred(&self.scene, &self.folder)
+    }
+
+    /// Name of a support in messages.
+    pub(crate) fn support(&self, k: usize) -> String {
+        held::label(&self.scene, k)
+    }
+
+    /// Returns the number of the element at a point; of points outside of all elements, that of the nearest
+    /// centre.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn element_at(&self, x: &Point3<f64>) -> Result<usize> {
+        let field = &self.piece.cut.division(&self.folder)?.field;
+        if let Some(e) = field.element_at(x) {
+            return Ok(e);
+        }
+        let centres = self.centres()?;
+        let distance = |e: &usize| (centres[*e] - x).norm_squared();
+        let nearest = (0..centres.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.ok_or_else(|| key("body", "has no element"))
+    }
+
+    /// Centres of the elements \[m\].
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn centres(&self) -> Result<Vec<Point3<f64>>> {
+        let mesh = self.mesh()?;
+        Ok((0..mesh.element_count()).map(|e| centroid(mesh, e)).collect())
+    }
+
+    /// Returns the zone after it has moved to the elements of `core`.
+    ///
+    /// # Errors
+    /// A zone that leaves no elements to the body, or no overlap between them.
+    pub(crate) fn moved(&self, core: &[bool]) -> Result<Self> {
+        let piece = self.piece.moved(core, &self.folder)?;
+        let table = LoweredInterface {
+            overlap: OverlapSource::Zone(piece.clone()),
+            ..self.table.clone()
+        };
+        Ok(Self {
+            table,
+            piece,
+            ..self.clone()
+        })
+    }
+
+    /// Returns the change of weights that brings a run to this zone, and the new mediator for output.
+    ///
+    /// # Errors
+    /// See [`Self::moved`].
+    pub(crate) fn rezoning(&self) -> Result<(Rezoning<f64>, Grid)> {
+        let overlap = self.piece.overlap(&self.folder)?;
+        let shape = BodyShape::Piece(self.piece.clone());
+        let place = (&self.table, self.folder.as_path());
+        let mut built = self.partners.clone().tie(&self.name, place, (&overlap, &shape))?;
+        let mut absorber = built.absorber.take();
+        let joints = [built];
+        let mut weights = Vec::new();
+        for m in self.models() {
+            weights.push((m, model_weights(m, &joints)?));
+        }
+        let [built] = joints;
+        let mut change =
+            Rezoning::new(vec![built.spec]).with_responses(self.models()[1], self.responses.clone());
+        for (m, w) in weights {
+            change = change.with_weights(m, w);
+            let [first, last] = drive::simple_effects(&self.scene, m)?;
+            for effect in first {
+                change = change.with_effect(m, effect);
+            }
+            if m == self.models()[1]
+                && let Some(a) = absorber.take()
+            {
+                change = change.with_effect(m, Box::new(a));
+            }
+            for effect in last {
+                change = change.with_effect(m, effect);
+            }
+        }
+        Ok((change, built.grid))
+    }
+
+    /// Key of the zone in an error of this zone.
+    pub(crate) fn place_of(&self, e: Error) -> Error {
+        crate::setup::lower::written(&self.scene, e)
+    }
+}

@@ -1,0 +1,262 @@
+//! A zone that follows a crack: compared with spheres everywhere, resumed, on several threads, and refused.
+#![allow(clippy::print_stdout, reason = "a test shows what it measured")]
+
+use arlequin::core::Coupled;
+use arlequin::dem_beam::fracture::{Break, locked};
+use arlequin_scene::{End, Observer, Results, Scene, Silent};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Returns the shipped scene with changes.
+fn scene(changes: &[(&str, &str)]) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
+    let mut text = std::fs::read_to_string(path).expect("a shipped scene");
+    for (from, to) in changes {
+        assert!(text.contains(from), "no '{from}'");
+        text = text.replace(from, to);
+    }
+    Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+/// The plate of coarser spheres, drawn further in less time.
+const COARSE: [(&str, &str); 3] = [
+    ("spacing = 0.5e-3", "spacing = 0.7e-3"),
+    ("end = 70e-6", "end = 28e-6"),
+    ("amplitude = 4e-6", "amplitude = 6e-6"),
+];
+
+/// Returns the scene with spheres everywhere, on the same packing.
+fn alone(changes: &[(&str, &str)]) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
+    let mut text = std::fs::read_to_string(path).expect("a shipped scene");
+    let (body, zone) = (text.find("[body]"), text.find("[zone.crack]"));
+    let (body, zone) = (body.expect("a body"), zone.expect("a zone"));
+    let line = |from: &str, name: &str| {
+        let line = text[text.find(from).expect("a table")..]
+            .lines()
+            .find(|l| l.starts_with(name));
+        line.expect("a key").to_owned()
+    };
+    let table = format!(
+        "[model.body]\nkind = \"dem\"\n{}\n{}\n{}\n{}\n\n",
+        line("[body]", "shape.box"),
+        line("[body]", "material"),
+        line("[zone.crack]", "spacing"),
+        line("[zone.crack]", "dem.notch"),
+    );
+    let rest = text[zone..].find("[[support]]").expect("a support") + zone;
+    text = [&text[..body], &table, &text[rest..]].concat();
+    for (from, to) in changes {
+        assert!(text.contains(from), "no '{from}'");
+        text = text.replace(from, to);
+    }
+    Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+fn run(scene: &Scene) -> Results {
+    scene.prepare().expect("built").run(&mut Silent).expect("runs")
+}
+
+fn breaks(results: &Results) -> Vec<Break> {
+    let logs = results.breaks.iter().flatten();
+    logs.flat_map(|log| locked(log).events().to_vec()).collect()
+}
+
+/// Largest modulus of the load, and the mean over the last tenth of the run.
+fn load(results: &Results) -> [f64; 2] {
+    let (_, values) = results.probe("load").expect("a probe");
+    let last = &values[values.len() - values.len() / 10..];
+    let top = values.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    [top, last.iter().sum::<f64>() / last.len() as f64]
+}
+
+/// Mean height of the breaks in slices of 4 mm along the crack.
+fn path(breaks: &[Break]) -> Vec<f64> {
+    let slice = |k: usize| {
+        let inside = |b: &&Break| ((b.place.x / 4e-3).floor() - k as f64).abs() < 0.5;
+        let heights: Vec<f64> = breaks.iter().filter(inside).map(|b| b.place.y).collect();
+        heights.iter().sum::<f64>() / heights.len() as f64
+    };
+    (3..9).map(slice).collect()
+}
+
+#[test]
+fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
+    let (follows, alone) = (run(&scene(&[])), run(&alone(&[])));
+    let summary = follows.summary();
+    let [a, b] = [&follows, &alone].map(|r| breaks(r).len() as f64);
+    let [with, without] = [&follows, &alone].map(load);
+    println!("breaks {a} and {b}, loads {with:?} and {without:?} N");
+    let [path_a, path_b] = [&follows, &alone].map(|r| path(&breaks(r)));
+    println!("paths {path_a:?} and {path_b:?} m");
+    assert!(
+        (a / b - 1.0).abs() < 0.1,
+        "{a} bonds broke, {b} without the body's elements"
+    );
+    assert!(with[1].abs() < 0.1 * with[0], "the load stays at {with:?} N");
+    assert!(
+        (with[0] / without[0] - 1.0).abs() < 0.1,
+        "{with:?} and {without:?} N"
+    );
+    for (x, y) in path_a.iter().zip(&path_b) {
+        assert!((x - y).abs() < 1e-3, "{path_a:?} and {path_b:?} m");
+    }
+    assert!(
+        summary.energy.h_drift_max < 1e-9,
+        "{:e}",
+        summary.energy.h_drift_max
+    );
+    let changes = &summary.conversions;
+    assert!(changes.len() > 3, "{} changes", changes.len());
+    // Measured: 3 % of the work that the clamp puts in, 2.25 mJ.
+    let work: f64 = changes.iter().map(|c| c.work.abs()).sum();
+    assert!(work < 0.15e-3, "the changes took {work:e} J");
+    let told = |w: &&String| w.contains("woke too late");
+    assert_eq!(summary.warnings.iter().filter(told).count(), 0);
+    // Margins ask for elements at the clamps, which the zone must leave to the body.
+    let off_supports = |w: &String| w.contains("would have to reach support 'clamp'");
+    assert!(
+        summary.warnings.iter().any(off_supports),
+        "{:?}",
+        summary.warnings
+    );
+    let into = &summary.into_overlap;
+    assert!(into.is_empty(), "{into:?}");
+}
+
+struct Stop(usize);
+
+impl Observer for Stop {
+    fn step(&mut self, run: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        match run.steps() >= self.0 {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    }
+}
+
+/// Bits of the state, the breaks and the changes.
+fn bits(results: &Results) -> Vec<u64> {
+    let states = results.run.subdomains().iter();
+    let states = states.flat_map(|s| s.state().q.iter().chain(&s.state().v));
+    let breaks = breaks(results)
+        .into_iter()
+        .flat_map(|b| [b.time, f64::from(b.bond)]);
+    let works = results.summary().conversions.iter().map(|c| c.work);
+    let numbers = states.copied().chain(breaks).chain(works);
+    numbers.map(f64::to_bits).collect()
+}
+
+#[test]
+fn a_run_that_is_resumed_and_one_on_other_threads_have_the_same_bits() {
+    let scene = scene(&COARSE);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads").install(|| run(&scene))
+    };
+    let whole = on(1);
+    let changes = &whole.summary().conversions;
+    assert!(changes.len() > 2, "{} changes", changes.len());
+    let whole_bits = bits(&whole);
+    assert!(
+        bits(&on(2)) == whole_bits && bits(&on(3)) == whole_bits,
+        "threads"
+    );
+    for step in [changes[0].step, changes[changes.len() - 1].step + 7] {
+        let part = scene
+            .prepare()
+            .expect("built")
+            .run(&mut Stop(step))
+            .expect("runs");
+        assert_eq!(part.end, End::Interrupted);
+        let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+        assert!(bits(&done) == whole_bits, "resumed at step {step}");
+    }
+}
+
+#[test]
+fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
+    let seldom = |strict: &str| {
+        let follow = format!("follow = {{ wake = 1.0, every = 250, strict = {strict} }}");
+        let later = ("end = 28e-6", "end = 40e-6");
+        scene(&[COARSE[0], COARSE[1], COARSE[2], later, ("follow = true", &follow)])
+    };
+    let results = run(&seldom("false"));
+    let warnings = &results.summary().warnings;
+    let told = warnings.iter().filter(|w| w.contains("woke too late"));
+    assert_eq!(told.count(), 1, "{warnings:?}");
+    let error = seldom("true").prepare().expect("built").run(&mut Silent);
+    let message = error.map(|_| ()).expect_err("too late").to_string();
+    assert!(
+        message.contains("woke too late") && message.contains("zone.crack.follow.strict"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_zone_that_follows_stays_off_supports() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
+    let text = std::fs::read_to_string(path).expect("a shipped scene");
+    for (from, to, words) in [
+        // The overlap of 3 mm and one element of 1 mm stay between the zone and the clamps.
+        (
+            "low = [-1e-3, 6e-3, -1e-3]",
+            "low = [-1e-3, 3.5e-3, -1e-3]",
+            "support[0]",
+        ),
+        (
+            "high = [14e-3, 14e-3, 3e-3]",
+            "high = [14e-3, 16.5e-3, 3e-3]",
+            "support 'clamp'",
+        ),
+        (
+            "model = \"body\"\nwhere = \"y-min\"",
+            "model = \"crack\"\nwhere = \"y-min\"",
+            "model = \"body\"",
+        ),
+    ] {
+        let changed = text.replace(from, to);
+        assert_ne!(changed, text, "{from}");
+        let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
+        let message = checked.expect_err(words).to_string();
+        assert!(message.contains(words) && message.contains("crack"), "{message}");
+    }
+    // As far as it may go.
+    let widest = text
+        .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 4e-3, -1e-3]")
+        .replace("high = [14e-3, 14e-3, 3e-3]", "high = [14e-3, 16e-3, 3e-3]");
+    assert_ne!(widest, text);
+    Scene::from_text(&widest).expect("a scene");
+}
+
+#[test]
+fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
+    let text = std::fs::read_to_string(path).expect("a shipped scene");
+    for (from, to, words) in [
+        ("follow = true", "follow.wake = 1.5", "follow.wake"),
+        ("follow = true", "follow.margin = 0", "follow.margin"),
+        ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),
+        ("fracture = { gc = 8.0 }", "contact = {}", "has contact"),
+        ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
+        (
+            "[[effect]]\nmass",
+            "[[load]]\nmodel = \"body\"\nwhere = \"x-max\"\npressure = 1.0\n[[effect]]\nmass",
+            "a load",
+        ),
+        (
+            "fracture = { gc = 8.0 }",
+            "fracture = { criterion = \"hydrostatic\", strength = 1e6 }",
+            "hydrostatic",
+        ),
+    ] {
+        let changed = text.replace(from, to);
+        assert_ne!(changed, text, "{from}");
+        let refused = Scene::from_text(&changed).map(|_| ());
+        let message = refused.expect_err(words).to_string();
+        assert!(
+            message.contains(words) && message.contains("zone.crack"),
+            "{message}"
+        );
+    }
+}
