@@ -3,7 +3,7 @@
 use super::sparse::{block_diagonal, difference};
 use super::system::{Places, System};
 use crate::error::{Result, core, key, value};
-use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredScene, OverlapSource};
+use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredInterface, LoweredScene, OverlapSource};
 use crate::spec::{Method, OverlapShape, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::CsMat;
@@ -292,7 +292,7 @@ fn bare(scene: &LoweredScene) -> LoweredScene {
 /// Builds the fine model over the place of both.
 fn everywhere(
     scene: &LoweredScene,
-    table: &crate::setup::LoweredInterface,
+    table: &LoweredInterface,
     folder: &Path,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body> {

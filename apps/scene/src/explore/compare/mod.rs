@@ -23,7 +23,8 @@ use std::time::Instant;
 /// Options of a comparison.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Methods, in the order of the rows; the default comes first in any case. Empty: all.
+    /// Methods, in the order of the rows; the default comes first in any case. Empty: that of the interface, or all
+    /// if it is the default.
     pub methods: Vec<Method>,
     /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
     pub penalty: f64,
@@ -111,10 +112,11 @@ pub fn compare(
     )?;
     let mut rows = vec![first];
     let mut refused = Vec::new();
-    let chosen: &[Method] = if options.methods.is_empty() {
-        &Method::ALL
-    } else {
-        &options.methods
+    let own: Vec<Method> = scene.spec().interface.values().map(|i| i.method).collect();
+    let chosen: &[Method] = match (&*options.methods, &*own) {
+        ([], [Method::Arlequin]) => &Method::ALL,
+        ([], own) => own,
+        (chosen, _) => chosen,
     };
     for m in chosen.iter().filter(|m| **m != Method::Arlequin) {
         announce(m.name(), 0, 0);
