@@ -3,7 +3,7 @@
 use arlequin_scene::compare::{Board, Row};
 
 /// Heads of the columns of figures, with their units in the file.
-const HEADS: [(&str, &str); 11] = [
+const HEADS: [(&str, &str); 12] = [
     (
         "not passed",
         "energy of a pulse from the fine model that does not pass [-]",
@@ -22,14 +22,18 @@ const HEADS: [(&str, &str); 11] = [
         "deviation from uniform strain over strain times overlap [-]",
     ),
     ("momentum", "change of momentum [-]"),
-    ("drift", "change of energy of a random state [-]"),
+    (
+        "drift, pulse",
+        "change of energy of the pulse over ten passages [-]",
+    ),
+    ("drift, noise", "change of energy of a random state [-]"),
     ("critical step", "critical step over that of the default [-]"),
     ("cost", "multiplications per time over those of the default [-]"),
     ("time", "wall time of steps per time over that of the default [-]"),
     ("set-up", "set-up [s]"),
 ];
 
-fn figures(r: &Row) -> [Option<f64>; 11] {
+fn figures(r: &Row) -> [Option<f64>; 12] {
     [
         Some(r.down),
         Some(r.up),
@@ -37,6 +41,7 @@ fn figures(r: &Row) -> [Option<f64>; 11] {
         r.pulse_error,
         r.patch,
         Some(r.momentum),
+        Some(r.pulse_drift),
         Some(r.drift),
         Some(r.critical),
         Some(r.cost),
@@ -58,11 +63,11 @@ fn word(x: Option<f64>) -> String {
 
 /// Prints the table and the methods that were refused.
 pub(crate) fn board(b: &Board) {
-    print_line!("{:<24}{}", b.scene, about(b));
-    let heads: Vec<String> = HEADS.iter().map(|h| format!("{:>13}", h.0)).collect();
+    print_line!("{}: {}", b.scene, about(b));
+    let heads: Vec<String> = HEADS.iter().map(|h| format!("{:>14}", h.0)).collect();
     print_line!("{:<24}{}", "method", heads.concat());
     for r in &b.rows {
-        let cells: Vec<String> = figures(r).iter().map(|x| format!("{:>13}", word(*x))).collect();
+        let cells: Vec<String> = figures(r).iter().map(|x| format!("{:>14}", word(*x))).collect();
         print_line!("{:<24}{}", r.method, cells.concat());
     }
     for (method, reason) in &b.refused {

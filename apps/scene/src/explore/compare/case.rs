@@ -193,7 +193,8 @@ impl Case {
         let (Some(coarse), Some(fine)) = (coarse, fine) else {
             return Err(key(path, "has no coupling matrices"));
         };
-        Ok(difference(&coarse, &fine))
+        // Rotations have no columns.
+        Ok(difference(&coarse, &fine, split, system.size()))
     }
 
     /// Number of displacement components.

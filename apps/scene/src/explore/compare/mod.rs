@@ -73,6 +73,8 @@ pub struct Row {
     pub patch: Option<f64>,
     /// Change of the momentum of a random state over the sum of its moduli \[–\].
     pub momentum: f64,
+    /// Relative change of the energy of the pulse over ten passages \[–\].
+    pub pulse_drift: f64,
     /// Relative change of the energy of a random state \[–\].
     pub drift: f64,
     /// Critical step of the finest model, over that of the default \[–\].
@@ -169,6 +171,7 @@ fn row(
         method: name.to_owned(),
         down: down.reflected,
         pulse_error: down.error,
+        pulse_drift: down.drift,
         patch: measure::patch(m, waves)?,
         momentum: noise.momentum,
         drift: noise.drift,

@@ -34,11 +34,16 @@ impl Pace {
 
     /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical step.
     pub(super) fn own(system: &System) -> Result<Self> {
+        Self::of_at_most(MOST_OWN, system)
+    }
+
+    /// At most `most` own steps of the fine model within half of the coarse critical step.
+    pub(super) fn of_at_most(most: usize, system: &System) -> Result<Self> {
         let split = system.places.split;
         let coarse = system.critical(0..split)?;
         let fine = system.critical(split..system.size())?;
         let critical = coarse.min(fine);
-        let own = ((0.5 * coarse / (SHARE * critical)) as usize).clamp(1, MOST_OWN);
+        let own = ((0.5 * coarse / (SHARE * critical)) as usize).clamp(1, most);
         Ok(Self {
             step: SHARE * critical * own as f64,
             own,

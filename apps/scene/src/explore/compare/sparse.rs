@@ -50,11 +50,12 @@ pub(super) fn block_diagonal(a: &CsMat<f64>, b: &CsMat<f64>) -> CsMat<f64> {
     out.to_csr()
 }
 
-/// Puts two matrices with equally many rows side by side, the second one negated.
-pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>) -> CsMat<f64> {
-    let mut out = TriMat::with_capacity((a.rows(), a.cols() + b.cols()), a.nnz() + b.nnz());
+/// Puts two matrices with equally many rows side by side, the second one negated and from column `split` on, in
+/// `size` columns in all.
+pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>, split: usize, size: usize) -> CsMat<f64> {
+    let mut out = TriMat::with_capacity((a.rows(), size), a.nnz() + b.nnz());
     a.iter().for_each(|(v, (i, j))| out.add_triplet(i, j, *v));
     b.iter()
-        .for_each(|(v, (i, j))| out.add_triplet(i, a.cols() + j, -*v));
+        .for_each(|(v, (i, j))| out.add_triplet(i, split + j, -*v));
     out.to_csr()
 }

@@ -37,7 +37,8 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
         rows = &averages(&layer, d, split) * &rows;
     }
     let tie = Tie::exact(rows, &system.inverse)?;
-    let pace = Pace::own(&system)?;
+    // Between own steps a single layer would leave the node that it is tied to.
+    let pace = Pace::common(&system)?;
     Ok(Reflections::new(system, Some(tie), pace))
 }
 
