@@ -3,7 +3,7 @@
 use arlequin_scene::compare::{Board, Row};
 
 /// Heads of the columns of figures, with their units in the file.
-const HEADS: [(&str, &str); 12] = [
+const HEADS: [(&str, &str); 11] = [
     (
         "not passed",
         "energy of a pulse from the fine model that does not pass [-]",
@@ -29,11 +29,10 @@ const HEADS: [(&str, &str); 12] = [
     ("drift, noise", "change of energy of a random state [-]"),
     ("critical step", "critical step over that of the default [-]"),
     ("cost", "multiplications per time over those of the default [-]"),
-    ("time", "wall time of steps per time over that of the default [-]"),
-    ("set-up", "set-up [s]"),
+    ("set-up [s]", "set-up [s]"),
 ];
 
-fn figures(r: &Row) -> [Option<f64>; 12] {
+fn figures(r: &Row) -> [Option<f64>; 11] {
     [
         Some(r.down),
         Some(r.up),
@@ -45,7 +44,6 @@ fn figures(r: &Row) -> [Option<f64>; 12] {
         Some(r.drift),
         Some(r.critical),
         Some(r.cost),
-        Some(r.time),
         Some(r.setup),
     ]
 }

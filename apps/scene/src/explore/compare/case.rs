@@ -240,8 +240,8 @@ impl Case {
             let mut row = ShapeRow::default();
             fine.field.shape_at(x, false, &mut row).map_err(|e| {
                 let rule = format!(
-                    "needs the displacement of model '{}' at the border nodes of the coarse mesh ({e}); take a fine model with a \
-                     continuous field, such as fem or dem.field = \"natural\"",
+                    "needs the displacement of model '{}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
+                     elements",
                     fine.model.name()
                 );
                 value(format!("interface.{}.method", self.name), Method::Schwarz.name(), &rule)
@@ -409,15 +409,32 @@ fn places_of(bodies: &[&Body], origin: &Point3<f64>, axis: &Vector3<f64>, split:
         split,
         ..Places::default()
     };
+    let middle = middle(bodies);
     for body in bodies {
         let (layout, nodes) = (body.model.layout(), body.model.nodes());
+        let poisson = body.material.as_ref().map_or(0.0, |m| m.poisson());
         for d in 0..layout.dofs() {
             let moves = d < layout.translations();
-            out.x.push((nodes[layout.node_of(d)] - origin).dot(axis));
-            out.axial
-                .push(if moves { axis[d % layout.components] } else { 0.0 });
+            let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
+            let offset = node - middle;
+            let across = offset - axis * offset.dot(axis);
+            out.x.push((node - origin).dot(axis));
+            out.axial.push(if moves { axis[c] } else { 0.0 });
+            out.across.push(if moves && layout.components == 3 {
+                poisson * across[c]
+            } else {
+                0.0
+            });
             out.moves.push(moves);
         }
     }
     out
+}
+
+/// Middle of the box around all nodes.
+fn middle(bodies: &[&Body]) -> Point3<f64> {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
+    let nodes = bodies.iter().flat_map(|b| b.model.nodes());
+    let [low, high] = nodes.fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
+    arlequin::core::nalgebra::center(&low, &high)
 }

@@ -7,8 +7,8 @@ use super::tie::Tie;
 use crate::error::Result;
 use std::ops::Range;
 
-/// Own step of the finest model over its critical step.
-pub(super) const SHARE: f64 = 0.8;
+/// Own step of the finest model over its critical step, as runs have it.
+pub(super) const SHARE: f64 = 0.9;
 /// Most own steps within a step of the run.
 const MOST_OWN: usize = 4;
 

@@ -14,6 +14,8 @@ pub(super) struct Places {
     pub(super) x: Vec<f64>,
     /// Cosine between the unknown's direction and the axis; zero for rotations.
     pub(super) axial: Vec<f64>,
+    /// Distance from the axis in the unknown's direction, times Poisson's ratio \[m\]; zero for rotations.
+    pub(super) across: Vec<f64>,
     /// True for displacements.
     pub(super) moves: Vec<bool>,
     /// Number of unknowns of the coarse model, which come first.
@@ -171,6 +173,7 @@ impl Lift {
         let places = Places {
             x: pick(&self.whole.places.x),
             axial: pick(&self.whole.places.axial),
+            across: pick(&self.whole.places.across),
             moves: self.kept.iter().map(|k| self.whole.places.moves[*k]).collect(),
             split: self.kept.iter().filter(|k| **k < self.whole.places.split).count(),
         };

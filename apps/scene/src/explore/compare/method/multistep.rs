@@ -243,18 +243,9 @@ impl Coupling for Multistep {
         [self.now.q.clone(), self.now.v.clone()]
     }
 
-    /// `½ vᵀMv + ½ qᵀKq − ⅛ Δt² aᵀMa` over the models.
+    /// `½ vᵀMv + ½ qᵀKq` at steps of the run.
     fn energy(&self) -> f64 {
-        let m = &self.now;
-        let force = product(&self.system.stiffness, &m.q);
-        let term = |i: usize| {
-            let coarse = i < self.system.places.split;
-            let dt = if coarse { self.pace.step } else { self.own_step() };
-            let mass = self.system.mass[i];
-            0.5 * (mass * m.v[i] * m.v[i] + m.q[i] * force[i] - 0.25 * dt * dt * mass * m.a[i] * m.a[i])
-        };
-        let all = 0..self.system.size();
-        all.filter(|i| self.system.inverse[*i] > 0.0).map(term).sum()
+        self.system.energies(&self.now.q, &self.now.v).iter().sum()
     }
 
     fn momentum(&self) -> [f64; 2] {

@@ -1,11 +1,12 @@
 //! Quasicontinuum: particles everywhere, of which those of the coarse region follow the coarse mesh.
 
 use super::blend::lift;
-use crate::error::Result;
+use crate::error::{Result, value};
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::sparse::block_diagonal;
 use crate::explore::compare::system::{Places, System};
+use crate::spec::Method;
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::CsMat;
@@ -14,6 +15,9 @@ use std::sync::Arc;
 
 /// Half of the width of a cluster around a layer of nodes, in spacings of the particles.
 pub(super) const CLUSTER: f64 = 1.5;
+
+/// Least number of bonds for which one of a cluster stands.
+const LEAST_FACTOR: f64 = 1.2;
 
 /// The fine model in the place of both.
 pub(super) fn fine(case: &mut Case) -> Result<Reflections> {
@@ -30,6 +34,11 @@ pub(super) fn quasicontinuum(case: &mut Case, cluster: Option<f64>) -> Result<Re
         None => case.fine_system(&Uniform(1.0))?,
         Some(half) => {
             let weight = clusters(case, half * case.spacing[1]);
+            if weight.factor < LEAST_FACTOR {
+                let path = format!("interface.{}.method", case.name());
+                let rule = "has clusters that meet, so that all bonds are summed; take a coarser mesh or quasicontinuum";
+                return Err(value(path, Method::QuasicontinuumClusters.name(), rule));
+            }
             case.fine_system(&weight)?
         }
     };
@@ -41,6 +50,7 @@ pub(super) fn quasicontinuum(case: &mut Case, cluster: Option<f64>) -> Result<Re
     let places = Places {
         x: join(&coarse.x, &fine.x),
         axial: join(&coarse.axial, &fine.axial),
+        across: join(&coarse.across, &fine.across),
         moves: coarse.moves[..split].iter().chain(&fine.moves).copied().collect(),
         split,
     };
