@@ -193,3 +193,49 @@ pub fn method(word: &str) -> Result<Method> {
     let found = Method::ALL.into_iter().find(|m| m.name() == word);
     found.ok_or_else(|| crate::error::unknown("--methods", word, "method", known.iter()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::case::Case;
+    use super::method::couple;
+    use crate::scene::Scene;
+    use crate::setup;
+    use crate::spec::Method;
+
+    /// The board's default is the program's own scheme: the same steps to round-off, of a run with four own steps.
+    #[test]
+    fn the_default_makes_the_steps_of_a_run() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/compare/bar-1d.toml");
+        let text = std::fs::read_to_string(path).unwrap();
+        let wave = "component = \"x\", along = \"x\", centre = 0.2, width = 0.1, amplitude = 1e-6";
+        for (word, lumped) in [(Method::Arlequin, false), (Method::Lumped, true)] {
+            let scene = Scene::from_text(format!("{text}\n[[initial]]\nwave = {{ {wave} }}\n")).unwrap();
+            let scene = scene.set("interface.joint.lumped", lumped).unwrap();
+            let mut run = setup::build(scene.spec(), scene.folder()).unwrap().run;
+            let mut case = Case::new(scene.spec(), scene.folder(), &mut |_, _, _| ()).unwrap();
+            let mut own = couple(&mut case, word, 1.0).unwrap();
+            let sides = run.interfaces()[0].sides();
+            let state = |run: &arlequin::core::Coupled<f64>| {
+                let states = sides.map(|s| run.subdomains()[s].state());
+                [states.map(|s| &*s.q).concat(), states.map(|s| &*s.v).concat()]
+            };
+            let [q, v] = state(&run);
+            own.reset(&q, &v);
+            assert_eq!(own.pace().own, 4);
+            assert!((own.pace().step / run.dt() - 1.0).abs() < 1e-9);
+            for _ in 0..200 {
+                run.advance(&mut arlequin::core::Silent).unwrap();
+                own.advance();
+            }
+            for (mine, wanted) in own.motion().iter().zip(&state(&run)) {
+                let top = wanted.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+                let off = mine
+                    .iter()
+                    .zip(wanted)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f64::max);
+                assert!(top > 0.0 && off < 1e-8 * top, "{word:?}: {off:e} of {top:e}");
+            }
+        }
+    }
+}
