@@ -160,6 +160,7 @@ fn at_whole_step(method: &dyn Coupling) -> f64 {
     method.whole().energies(&q, &v).iter().sum()
 }
 
+/// Makes the steps nearest to a time.
 fn advance(method: &mut dyn Coupling, time: f64) {
     for _ in 0..(time / method.pace().step).round() as usize {
         method.advance();
@@ -226,7 +227,11 @@ pub(super) struct Passage {
 pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&Profile>) -> Passage {
     let (wave, time) = waves.down();
     let [before, coarse, all] = run(method, &wave, time);
-    let [q, _] = method.motion();
+    let [mut q, v] = method.motion();
+    // All methods are compared at one instant, whatever their steps.
+    let step = method.pace().step;
+    let left = time - (time / step).round() * step;
+    q.iter_mut().zip(&v).for_each(|(q, v)| *q += left * v);
     let system = method.whole();
     let squares = |p: &Profile| {
         let mut sums = [0.0; 2];

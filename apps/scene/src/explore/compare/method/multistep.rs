@@ -45,6 +45,8 @@ pub(super) struct Multistep {
     pace: Pace,
     now: Motion,
     lambda: Vec<f64>,
+    /// Coarse velocity at the last step of the run without its last multiplier.
+    free: Vec<f64>,
 }
 
 impl Multistep {
@@ -65,6 +67,7 @@ impl Multistep {
         let start = Tie::exact(rows.clone(), &system.inverse)?;
         let mut out = Self {
             lambda: vec![0.0; rows.rows()],
+            free: Vec::new(),
             tie: start.clone(),
             now: Motion::default(),
             scheme,
@@ -165,7 +168,7 @@ impl Multistep {
         let (split, own) = (self.system.places.split, self.pace.own);
         let (dt, step) = (self.own_step(), self.pace.step);
         let mut now = std::mem::take(&mut self.now);
-        let before = now.v[..split].to_vec();
+        let before = std::mem::take(&mut self.free);
         self.predict(&mut now, 0..split, step);
         let free = now.v[..split].to_vec();
         for j in 1..=own {
@@ -187,7 +190,7 @@ impl Multistep {
                 }
             }
         }
-        self.now = now;
+        (self.now, self.free) = (now, free);
     }
 
     fn advance_ph(&mut self) {
@@ -201,9 +204,9 @@ impl Multistep {
         let lambda = self.tie.solve(&product(&self.tie.rows, &free.v));
         let end = self.tie.push(&lambda, inverse);
         self.ramp(&mut now, &end, Some(&begin));
-        for i in 0..split {
-            now.a[i] -= end[i];
-            now.v[i] -= 0.5 * step * end[i];
+        for (i, push) in end[..split].iter().enumerate() {
+            now.a[i] -= push;
+            now.v[i] -= 0.5 * step * push;
         }
         (self.now, self.lambda) = (now, lambda);
     }
@@ -221,6 +224,8 @@ impl Coupling for Multistep {
         self.lambda = self.start.solve(&product(&self.start.rows, &a));
         let push = self.start.push(&self.lambda, inverse);
         a.iter_mut().zip(&push).for_each(|(a, p)| *a -= p);
+        let coarse = v.iter().zip(&push).take(self.system.places.split);
+        self.free = coarse.map(|(v, p)| v + 0.5 * self.pace.step * p).collect();
         self.now = Motion { q, v, a };
     }
 
