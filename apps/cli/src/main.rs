@@ -1,6 +1,7 @@
 //! Command line of the Arlequin workspace: reads scene files, runs them and writes results.
 
 mod calibrate;
+mod compare;
 mod describe;
 mod error;
 mod figures;
@@ -14,7 +15,7 @@ mod threads;
 mod verify;
 mod view;
 
-use arlequin_scene::effects::compare;
+use arlequin_scene::effects;
 use arlequin_scene::{LinkLine, Scene, Source};
 use clap::{Args, Parser, Subcommand};
 use error::{Located, Result};
@@ -68,6 +69,16 @@ enum Command {
         /// Runs of each variant; the least time counts.
         #[arg(long, value_name = "N", default_value_t = 3)]
         repeat: usize,
+    },
+    /// Couple the models of a scene by this method and by those of the literature; print how each of them reflects,
+    /// errs, drifts and costs.
+    ///
+    /// Supports, loads and effects of the scene take no part. The scene has one interface between two models.
+    Compare {
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        choice: compare::Choice,
     },
     /// Read and build a scene, print the plan, run nothing.
     ///
@@ -124,6 +135,7 @@ impl Command {
             Self::Check { .. } => "check",
             Self::Sweep(_) => "sweep",
             Self::Effects { .. } => "effects",
+            Self::Compare { .. } => "compare",
             _ => "this command",
         }
     }
@@ -211,7 +223,11 @@ fn run_alone(command: Command) -> Result<ExitCode, Located> {
             Ok(ExitCode::SUCCESS)
         }),
         Command::Effects { common, repeat } => with_scene(&common, &None, |scene| {
-            report::result(&compare(scene, repeat)?, common.json, report::comparison)?;
+            report::result(&effects::compare(scene, repeat)?, common.json, report::comparison)?;
+            Ok(ExitCode::SUCCESS)
+        }),
+        Command::Compare { common, choice } => with_scene(&common, &None, |scene| {
+            compare::compare(scene, &choice, common.json)?;
             Ok(ExitCode::SUCCESS)
         }),
         Command::Calibrate(arguments) => calibrate::calibrate(&arguments),

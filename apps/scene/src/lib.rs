@@ -43,7 +43,7 @@
 //! | scene | [`spec`], [`setup`], `scene`, `cells`: the file, and the models that it describes |
 //! | output | [`output`]: folders and files of results |
 //! | run | `run`: sessions, recorders, checkpoints, models that sleep and wake |
-//! | explore | [`sweep`], [`suggest`], [`calibrate`], [`effects`], previews |
+//! | explore | [`sweep`], [`suggest`], [`calibrate`], [`compare`], [`effects`], previews |
 //!
 //! [`SceneSpec`] has every key of a scene with its meaning and unit.
 
@@ -60,7 +60,7 @@ pub mod spectrum;
 pub mod threads;
 
 pub use error::{Error, Result};
-pub use explore::{LinkLine, Preview, calibrate, effects, suggest, sweep};
+pub use explore::{LinkLine, Preview, calibrate, compare, effects, suggest, sweep};
 pub use output::summary::{LoadStep, OverlapBreak};
 pub use output::tables::Table;
 pub use ranks::{RankLine, together};

@@ -16,6 +16,7 @@ macro_rules! entry {
 }
 
 mod calibrate;
+pub(crate) mod compare;
 mod finished;
 pub(crate) mod hard;
 pub(crate) mod plot;

@@ -112,6 +112,7 @@ interface.joint.mediator.divisions = [2, 0, 1]
 interface.joint.mediator.divisions = []
 interface.joint.mediator.divisions = [2, 1, 1, 1]
 interface.joint.sampling = "everywhere"
+interface.joint.method = "glue"
 interface.joint.partition = "loose"
 interface.joint.junction.kind = "l3"
 interface.joint.junction = { kind = "l2", length = 1.0 }

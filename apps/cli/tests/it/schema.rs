@@ -16,6 +16,7 @@ fn shipped(folder: &str) -> Vec<PathBuf> {
 fn the_schema_accepts_every_shipped_scene_and_sweep() {
     for (what, folder) in [
         ("scene", "examples/scenes"),
+        ("scene", "examples/compare"),
         ("scene", "examples/sweeps/scenes"),
         ("sweep", "examples/sweeps"),
     ] {

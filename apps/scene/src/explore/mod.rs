@@ -2,6 +2,7 @@
 //! previews.
 
 pub mod calibrate;
+pub mod compare;
 pub mod effects;
 mod preview;
 pub mod suggest;

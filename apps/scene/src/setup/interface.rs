@@ -9,7 +9,7 @@ use super::partners::Partners;
 use super::shapes::{region, region_box, shape_corners};
 use crate::error::{Result, core, key, value};
 use crate::setup::{LoweredInterface, LoweredScene, OverlapSource};
-use crate::spec::{OverlapShape, ProfileKind, WeightTable};
+use crate::spec::{Method, OverlapShape, ProfileKind, WeightTable};
 use arlequin::core::advice::{self, Advice};
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -21,7 +21,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// An interface before it is passed to the core.
-pub(super) struct BuiltInterface {
+pub(crate) struct BuiltInterface {
     /// Description of the interface for the core.
     pub spec: InterfaceSpec<f64>,
     /// Weights of the coarse model in this overlap.
@@ -42,7 +42,7 @@ pub(super) struct BuiltInterface {
 pub(super) type Sides<'a> = [(usize, &'a Body); 2];
 
 /// `[interface.NAME]` after its checks; the models that it couples are not built yet.
-pub(super) struct Plan<'a> {
+pub(crate) struct Plan<'a> {
     name: &'a str,
     table: &'a LoweredInterface,
     folder: &'a Path,
@@ -65,6 +65,10 @@ impl<'a> Plan<'a> {
         let models = sides_of(name, table, scene)?;
         let tables = [&scene.model[&table.coarse], &scene.model[&table.fine]];
         let path = format!("interface.{name}");
+        if !matches!(table.method, Method::Arlequin | Method::Nodal | Method::Lumped) {
+            let rule = "is measured by `arlequin compare` only; for a run take \"arlequin\", \"nodal\" or \"lumped\"";
+            return Err(value(format!("{path}.method"), table.method.name(), rule));
+        }
         let overlap = overlap(&format!("{path}.overlap"), &table.overlap, folder)?;
         if let [Some(coarse), Some(fine)] = tables.map(|t| shape_corners(&t.shape)) {
             check_place(&path, table, &*overlap, [&coarse, &fine])?;

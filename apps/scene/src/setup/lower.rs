@@ -8,9 +8,10 @@ use super::names::BODY;
 use super::zone::{self, Cut, Mark, Piece, Use, Zone, check_region};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    FollowTable, Interface, MediatorTable, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection,
+    FollowTable, Interface, MediatorTable, Method, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection,
     WeightTable, ZoneTable,
 };
+use arlequin::core::Weighting;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -30,7 +31,14 @@ pub(crate) fn lowered(mut scene: SceneSpec) -> Result<LoweredScene> {
     let interfaces = std::mem::take(&mut scene.interface).into_iter();
     let interfaces = interfaces.map(|(name, table)| {
         let overlap = OverlapSource::Given(table.overlap.clone());
-        (name, table.with_overlap(overlap))
+        let mut table = table.with_overlap(overlap);
+        // Two methods are settings of the interface.
+        match table.method {
+            Method::Nodal => table.weight.weighting = Weighting::Nodal,
+            Method::Lumped => table.lumped = true,
+            _ => {}
+        }
+        (name, table)
     });
     let (models, interfaces) = (models.collect::<Result<_>>()?, interfaces.collect());
     let scene = scene.with_tables(body, models, interfaces);
@@ -247,6 +255,7 @@ fn interface(name: &str, zone: &ZoneTable, piece: Piece) -> LoweredInterface {
         coarse: BODY.to_owned(),
         fine: name.to_owned(),
         overlap: OverlapSource::Zone(piece),
+        method: Method::default(),
         weight: WeightTable {
             // No weight is compatible with borders of arbitrary form; the linear one has the smallest error
             // (decision 0041).

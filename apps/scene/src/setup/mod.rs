@@ -54,7 +54,7 @@ pub use clock::PhaseTime;
 pub(crate) use files::text;
 pub(crate) use fracture::stops_at_overlap;
 pub(crate) use grains::obstacle_parts;
-pub(crate) use interface::stations;
+pub(crate) use interface::{BuiltInterface, stations};
 pub(crate) use kind::Feature;
 pub(crate) use kinds::kind;
 pub(crate) use kinds::link_of;
@@ -75,7 +75,6 @@ use arlequin::core::snapshot::Record;
 use arlequin::core::{Coupled, Guard, Partition, Parts, SetupPhase, Subdomain, Weighting};
 use clock::SetupClock;
 use drive::Attachments;
-use interface::BuiltInterface;
 use kind::Order;
 use std::path::Path;
 
@@ -182,6 +181,38 @@ pub(crate) fn build_from(
     built.warnings.extend(odd);
     built.phases = clock.finish();
     Ok(built)
+}
+
+/// Builds the models of a scene and its interfaces, uncoupled, without supports, loads and initial states.
+///
+/// # Errors
+/// Errors of [`build`].
+pub(crate) fn parts(
+    scene: &LoweredScene,
+    folder: &Path,
+    announce: &mut dyn FnMut(&str, usize, usize),
+) -> Result<(Vec<Body>, Vec<BuiltInterface>)> {
+    let mut clock = SetupClock::new(announce);
+    check_names(scene)?;
+    precheck::models(scene, folder)?;
+    let checked = precheck::scene(scene, folder)?;
+    let bodies = bodies_of(scene, &checked.effects, folder, &mut clock)?;
+    let interfaces = interfaces_of(scene, folder, &bodies)?;
+    Ok((bodies, interfaces))
+}
+
+/// Builds the interfaces of a scene between bodies that exist.
+///
+/// # Errors
+/// Errors of [`build`].
+pub(crate) fn interfaces_of(
+    scene: &LoweredScene,
+    folder: &Path,
+    bodies: &[Body],
+) -> Result<Vec<BuiltInterface>> {
+    let plans = scene.interface.iter();
+    let plans = plans.map(|(name, table)| interface::Plan::new(name, table, scene, folder)?.build(bodies));
+    plans.collect()
 }
 
 /// Marks the models that are distributed over the ranks.

@@ -23,6 +23,10 @@ pub struct Interface<O = OverlapShape> {
     pub fine: String,
     /// Region in which both models are present.
     pub overlap: O,
+    /// Method that couples the models. A run takes `arlequin`, `nodal` (as `weight.weighting = "nodal"`) and
+    /// `lumped` (as `lumped = true`). `arlequin compare` measures all of them side by side.
+    #[serde(default)]
+    pub method: Method,
     /// Weights by which the models share energy, mass and load in the overlap.
     #[serde(default)]
     pub weight: WeightTable,
@@ -62,6 +66,7 @@ impl<O> Interface<O> {
             overlap,
             coarse: self.coarse,
             fine: self.fine,
+            method: self.method,
             weight: self.weight,
             mediator: self.mediator,
             junction: self.junction,
@@ -71,6 +76,83 @@ impl<O> Interface<O> {
             partition: self.partition,
             pin: self.pin,
             absorber: self.absorber,
+        }
+    }
+}
+
+/// Methods that couple a coarse and a fine model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Method {
+    /// Energies weighted by elements and bonds, multipliers on a mediator.
+    #[default]
+    Arlequin,
+    /// As `arlequin`, with forces and masses weighted at the nodes.
+    Nodal,
+    /// As `arlequin`, with the operator of the multipliers lumped to its row sums.
+    Lumped,
+    /// As `lumped`; the multipliers correct velocities only, not accelerations.
+    LumpedVelocities,
+    /// Models that meet in one layer of particles, each tied to the coarse field.
+    Edge,
+    /// As `edge`, tied in the mean by the shape functions of the coarse model.
+    EdgeWeak,
+    /// Springs between each particle of the overlap and the coarse field.
+    Penalty,
+    /// Multipliers found by two iterations with a penalty (augmented Lagrangian).
+    Augmented,
+    /// Weighted energies of one field: particles of the overlap follow the coarse model.
+    Blend,
+    /// Scheme of Gravouil and Combescure: multipliers at the own steps of the fine model.
+    Gc,
+    /// Scheme of Prakash and Hjelmstad: multipliers linear within a step of the run.
+    Ph,
+    /// Overlapping Schwarz alternation: each model is led by the other at its border.
+    Schwarz,
+    /// Particles everywhere; those of the coarse region follow the coarse mesh, and all bonds are summed.
+    Quasicontinuum,
+    /// As `quasicontinuum`, with bonds summed near the nodes of the mesh only.
+    QuasicontinuumClusters,
+}
+
+impl Method {
+    /// All methods, the default first.
+    pub const ALL: [Self; 14] = [
+        Self::Arlequin,
+        Self::Nodal,
+        Self::Lumped,
+        Self::LumpedVelocities,
+        Self::Edge,
+        Self::EdgeWeak,
+        Self::Penalty,
+        Self::Augmented,
+        Self::Blend,
+        Self::Gc,
+        Self::Ph,
+        Self::Schwarz,
+        Self::Quasicontinuum,
+        Self::QuasicontinuumClusters,
+    ];
+
+    /// Returns the word that scenes use.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Arlequin => "arlequin",
+            Self::Nodal => "nodal",
+            Self::Lumped => "lumped",
+            Self::LumpedVelocities => "lumped-velocities",
+            Self::Edge => "edge",
+            Self::EdgeWeak => "edge-weak",
+            Self::Penalty => "penalty",
+            Self::Augmented => "augmented",
+            Self::Blend => "blend",
+            Self::Gc => "gc",
+            Self::Ph => "ph",
+            Self::Schwarz => "schwarz",
+            Self::Quasicontinuum => "quasicontinuum",
+            Self::QuasicontinuumClusters => "quasicontinuum-clusters",
         }
     }
 }

@@ -18,8 +18,8 @@ pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use follow::{Follow, FollowTable};
 pub use interface::{
-    Absorber, Interface, JunctionKind, JunctionTable, MediatorTable, OverlapShape, ProfileKind, ProfileTable,
-    RegionShape, SolverKind, WeightTable,
+    Absorber, Interface, JunctionKind, JunctionTable, MediatorTable, Method, OverlapShape, ProfileKind,
+    ProfileTable, RegionShape, SolverKind, WeightTable,
 };
 pub use model::{
     CnemTable, DemTable, Element, FemTable, Functions, Hole, LooseKind, Masses, Material, ModelKind,

@@ -1,6 +1,7 @@
 //! Tests of scenes, linked as one program instead of 20.
 
 mod before_packing;
+mod compare;
 mod cracks;
 mod end_zones;
 mod energy_release;

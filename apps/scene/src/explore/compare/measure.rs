@@ -1,0 +1,394 @@
+//! What is measured of a coupling: waves across the overlap, uniform strain, a random state.
+
+use super::case::Case;
+use super::method::Coupling;
+use super::system::{Places, System};
+use crate::error::Result;
+use std::collections::BTreeMap;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::time::Instant;
+
+/// Half width of the pulse, in coarse spacings, where the models are long enough.
+const PULSE: f64 = 10.0;
+/// Share of a model's own region that a pulse may fill with each half.
+const ROOM: f64 = 0.45;
+/// Passages of the pulse over which its energy is watched.
+const PASSAGES: f64 = 10.0;
+/// Multiplications of the run from a random state, and its least and most steps.
+const RANDOM_WORK: f64 = 1.5e9;
+const RANDOM_STEPS: [f64; 2] = [500.0, 20_000.0];
+
+/// Waves that all methods of a board meet.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Waves {
+    /// Half width of the pulse \[m\].
+    pub(super) half: f64,
+    /// Wavelength of the packet above the coarse cutoff \[m\]; `None` if the fine model cannot carry one.
+    pub(super) wavelength: Option<f64>,
+    /// Half width of the packet \[m\].
+    packet: f64,
+    width: f64,
+    spacing: [f64; 2],
+    speed: f64,
+    /// Duration of the run from a random state \[s\].
+    random: f64,
+}
+
+impl Waves {
+    /// Chooses waves for a case; `default` is the method whose steps decide the length of the random run.
+    pub(super) fn new(case: &Case, default: &dyn Coupling) -> Self {
+        let split = case.places.split;
+        let x = &case.places.x;
+        let coarse = -x[..split].iter().fold(0.0_f64, |m, x| m.min(*x));
+        let fine = x[split..].iter().fold(0.0_f64, |m, x| m.max(*x)) - case.width;
+        let [h, d] = case.spacing;
+        let half = (PULSE * h).min(ROOM * coarse).min(ROOM * fine);
+        // Elements carry nothing shorter than two spacings, particles hardly anything below four.
+        let wavelength = (0.8 * h).max(4.0 * d);
+        let steps = (RANDOM_WORK / default.work()).clamp(RANDOM_STEPS[0], RANDOM_STEPS[1]);
+        Self {
+            wavelength: (wavelength < 1.6 * h).then_some(wavelength),
+            packet: (6.0 * wavelength).min(ROOM * fine),
+            random: steps.round() * default.pace().step,
+            width: case.width,
+            spacing: case.spacing,
+            speed: case.speed,
+            half,
+        }
+    }
+
+    /// The pulse from the fine model, and how long it takes to pass.
+    fn down(&self) -> (Wave, f64) {
+        let centre = self.width + self.half + self.spacing[1];
+        let wave = Wave {
+            centre,
+            half: self.half,
+            wavenumber: 0.0,
+            velocity: -self.speed,
+        };
+        (wave, (centre + 1.2 * self.half) / self.speed)
+    }
+
+    /// The pulse from the coarse model, and how long it takes to pass.
+    fn up(&self) -> (Wave, f64) {
+        let centre = -self.half - self.spacing[0];
+        let wave = Wave {
+            centre,
+            half: self.half,
+            wavenumber: 0.0,
+            velocity: self.speed,
+        };
+        (wave, (self.width - centre + 1.2 * self.half) / self.speed)
+    }
+
+    /// The packet from the fine model, and how long it takes to meet the overlap and to leave it.
+    fn packet(&self, wavelength: f64) -> (Wave, f64) {
+        let k = TAU / wavelength;
+        let phase = 0.5 * k * self.spacing[1];
+        let wave = Wave {
+            centre: self.width + self.packet + self.spacing[1],
+            half: self.packet,
+            wavenumber: k,
+            velocity: -self.speed * phase.sin() / phase,
+        };
+        (
+            wave,
+            (2.0 * self.packet + 2.5 * self.width) / (self.speed * phase.cos()),
+        )
+    }
+}
+
+/// Plane wave `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, that travels one way.
+#[derive(Debug, Clone, Copy)]
+struct Wave {
+    centre: f64,
+    half: f64,
+    wavenumber: f64,
+    velocity: f64,
+}
+
+impl Wave {
+    /// Displacement and velocity at a place.
+    fn at(&self, x: f64) -> [f64; 2] {
+        let y = (x - self.centre) / self.half;
+        if y.abs() >= 1.0 {
+            return [0.0; 2];
+        }
+        let (c, s) = ((FRAC_PI_2 * y).cos(), (FRAC_PI_2 * y).sin());
+        let phase = self.wavenumber * (x - self.centre);
+        let slope = -2.0 * PI * c.powi(3) * s / self.half * phase.cos();
+        let slope = slope - self.wavenumber * c.powi(4) * phase.sin();
+        [c.powi(4) * phase.cos(), -self.velocity * slope]
+    }
+
+    /// Displacements and velocities of all unknowns: along the axis those of the wave, across it the contraction
+    /// `−ν u'` that leaves the sides free of stress.
+    fn state(&self, places: &Places) -> [Vec<f64>; 2] {
+        let delta = 1e-3 * self.half;
+        let unknown = |i: usize| {
+            let x = places.x[i];
+            let ([q, v], across) = (self.at(x), places.across[i]);
+            if across == 0.0 {
+                return (places.axial[i] * q, places.axial[i] * v);
+            }
+            let ([q0, v0], [q1, v1]) = (self.at(x - delta), self.at(x + delta));
+            let strain = across / (2.0 * delta);
+            (
+                places.axial[i] * q - strain * (q1 - q0),
+                places.axial[i] * v - strain * (v1 - v0),
+            )
+        };
+        let (q, v) = (0..places.x.len()).map(unknown).unzip();
+        [q, v]
+    }
+}
+
+/// Starts a wave and lets it run for a time; returns the energy \[J\] at the begin, and at the end beyond the
+/// overlap and in all.
+fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
+    let places = method.whole().places.clone();
+    let [q, v] = wave.state(&places);
+    method.reset(&q, &v);
+    let before = at_whole_step(method);
+    advance(method, time);
+    [before, beyond(method), at_whole_step(method)]
+}
+
+/// Energy of both models \[J\] from displacements and velocities at the same instant.
+fn at_whole_step(method: &dyn Coupling) -> f64 {
+    let [q, v] = method.motion();
+    method.whole().energies(&q, &v).iter().sum()
+}
+
+/// Makes the steps nearest to a time.
+fn advance(method: &mut dyn Coupling, time: f64) {
+    for _ in 0..(time / method.pace().step).round() as usize {
+        method.advance();
+    }
+}
+
+/// Energy in the coarse model's own region \[J\].
+fn beyond(method: &dyn Coupling) -> f64 {
+    let [q, v] = method.motion();
+    let system = method.whole();
+    let parts = system.energies(&q, &v).into_iter().zip(&system.places.x);
+    parts.filter(|(_, x)| **x < 0.0).map(|(e, _)| e).sum()
+}
+
+/// Displacement of the fine model everywhere, along the axis, by layers.
+#[derive(Debug, Clone)]
+pub(super) struct Profile {
+    first: f64,
+    layer: f64,
+    values: Vec<f64>,
+}
+
+impl Profile {
+    fn new(system: &System, q: &[f64], layer: f64) -> Self {
+        let x = &system.places.x;
+        let first = x.iter().fold(f64::INFINITY, |m, x| m.min(*x)) - 0.5 * layer;
+        let last = x.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x));
+        let mut sums = vec![[0.0; 2]; ((last - first) / layer) as usize + 1];
+        for i in (0..x.len()).filter(|i| system.places.axial[*i] != 0.0) {
+            let sum = &mut sums[((x[i] - first) / layer) as usize];
+            let weight = system.mass[i] * system.places.axial[i].powi(2);
+            sum[0] += weight;
+            sum[1] += weight * q[i] / system.places.axial[i];
+        }
+        let values = sums
+            .into_iter()
+            .map(|[m, s]| if m > 0.0 { s / m } else { 0.0 })
+            .collect();
+        Self { first, layer, values }
+    }
+
+    /// Linear interpolation between the middles of layers.
+    fn at(&self, x: f64) -> f64 {
+        let s = ((x - self.first) / self.layer - 0.5).clamp(0.0, (self.values.len() - 1) as f64);
+        let k = (s as usize).min(self.values.len().saturating_sub(2));
+        let next = self.values.get(k + 1).copied().unwrap_or(self.values[k]);
+        self.values[k] + (s - k as f64) * (next - self.values[k])
+    }
+}
+
+/// Results of the pulse from the fine model.
+pub(super) struct Passage {
+    /// Share of the energy that did not pass.
+    pub(super) reflected: f64,
+    /// Error of the displacements beyond the overlap against the fine model everywhere.
+    pub(super) error: Option<f64>,
+    /// Displacements, if they are the reference.
+    pub(super) profile: Profile,
+    /// Relative change of the energy over ten times the passage.
+    pub(super) drift: f64,
+}
+
+/// Sends the pulse from the fine model.
+pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&Profile>) -> Passage {
+    let (wave, time) = waves.down();
+    let [before, coarse, all] = run(method, &wave, time);
+    let [mut q, v] = method.motion();
+    // All methods are compared at one instant, whatever their steps.
+    let step = method.pace().step;
+    let left = time - (time / step).round() * step;
+    q.iter_mut().zip(&v).for_each(|(q, v)| *q += left * v);
+    let system = method.whole();
+    let squares = |p: &Profile| {
+        let mut sums = [0.0; 2];
+        let places = &system.places;
+        for i in
+            (0..q.len()).filter(|i| places.x[*i] < 0.0 && places.axial[*i] != 0.0 && system.mass[*i] > 0.0)
+        {
+            let wanted = p.at(places.x[i]) * places.axial[i];
+            sums[0] += system.mass[i] * (q[i] - wanted).powi(2);
+            sums[1] += system.mass[i] * wanted * wanted;
+        }
+        (sums[0] / sums[1]).sqrt()
+    };
+    let (error, profile) = (reference.map(squares), Profile::new(system, &q, waves.spacing[1]));
+    let [q, v] = wave.state(&method.whole().places.clone());
+    method.reset(&q, &v);
+    let start = method.energy();
+    advance(method, PASSAGES * time);
+    Passage {
+        drift: method.energy() / start - 1.0,
+        error,
+        profile,
+        // What has left the method altogether was not reflected.
+        reflected: (all - coarse) / before,
+    }
+}
+
+/// Share of the energy of the pulse from the coarse model that comes back.
+pub(super) fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
+    let (wave, time) = waves.up();
+    let [before, coarse, _] = run(method, &wave, time);
+    coarse / before
+}
+
+/// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
+pub(super) fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
+    let (wave, time) = waves.packet(waves.wavelength?);
+    let places = method.whole().places.clone();
+    let [q, v] = wave.state(&places);
+    method.reset(&q, &v);
+    // At whole steps the energies of short waves oscillate; the invariant does not.
+    let before = method.energy();
+    advance(method, time);
+    let share = beyond(method) / at_whole_step(method);
+    Some((1.0 - share) * method.energy() / before)
+}
+
+/// Results of the run from a random state.
+pub(super) struct Noise {
+    /// Relative change of the energy.
+    pub(super) drift: f64,
+    /// Change of the momentum over the sum of its moduli.
+    pub(super) momentum: f64,
+    /// Wall time of a step of the run \[s\].
+    pub(super) seconds: f64,
+}
+
+/// Runs from random velocities of all displacements.
+pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
+    let places = method.whole().places.clone();
+    let mut next = random(1);
+    let v: Vec<f64> = places
+        .moves
+        .iter()
+        .map(|m| if *m { next() } else { 0.0 })
+        .collect();
+    method.reset(&vec![0.0; v.len()], &v);
+    let (energy, [before, size]) = (method.energy(), method.momentum());
+    let steps = (waves.random / method.pace().step).round().max(1.0) as usize;
+    let begin = Instant::now();
+    for _ in 0..steps {
+        method.advance();
+    }
+    Noise {
+        seconds: begin.elapsed().as_secs_f64() / steps as f64,
+        drift: method.energy() / energy - 1.0,
+        momentum: (method.momentum()[0] - before).abs() / size,
+    }
+}
+
+/// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the method
+/// has no equilibrium.
+pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
+    let system = method.whole();
+    let places = &system.places;
+    let layer = 0.6 * waves.spacing[1];
+    let ends = places
+        .x
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| {
+            [a.min(*x), b.max(*x)]
+        });
+    let at_end = |x: f64| x <= ends[0] + layer || x >= ends[1] - layer;
+    let held: Vec<bool> = (0..system.size())
+        .map(|i| places.axial[i] != 0.0 && at_end(places.x[i]))
+        .collect();
+    let q: Vec<f64> = places.x.iter().zip(&places.axial).map(|(x, a)| x * a).collect();
+    let Some(q) = method.equilibrium(&q, &held)? else {
+        return Ok(None);
+    };
+    Ok(Some(deviation(system, &q, waves)))
+}
+
+/// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the moduli
+/// of the models differ, so do the lines, and what lies between them is no deviation.
+fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
+    let places = &system.places;
+    let layers = || {
+        let layer = waves.spacing[1];
+        let mut sums = BTreeMap::<i64, [f64; 3]>::new();
+        // Both models by mass: a node that hardly has weight hardly counts.
+        for i in (0..system.size()).filter(|i| places.axial[*i] != 0.0 && system.mass[*i] > 0.0) {
+            let sum = sums.entry((places.x[i] / layer).round() as i64).or_default();
+            let m = system.mass[i];
+            sum[0] += m;
+            sum[1] += m * places.x[i];
+            sum[2] += m * q[i] / places.axial[i];
+        }
+        sums.into_values()
+            .map(|[m, x, u]| [x / m, u / m])
+            .collect::<Vec<_>>()
+    };
+    let all = layers();
+    let (margin, width) = (waves.spacing[0], waves.width);
+    let line = |keep: &dyn Fn(f64) -> bool| fit(all.iter().filter(|l| keep(l[0])));
+    let low = line(&|x| x < -margin);
+    let high = line(&|x| x > width + margin);
+    let inside = all.iter().filter(|l| l[0] >= 0.0 && l[0] <= width);
+    let off = |[x, u]: &[f64; 2]| {
+        let ends = [low[0] + low[1] * x, high[0] + high[1] * x];
+        let (a, b) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        (a - u).max(u - b).max(0.0)
+    };
+    inside.map(off).fold(0.0, f64::max) / width
+}
+
+/// Line of least squares: value at zero and slope.
+fn fit<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
+    let points: Vec<_> = points.collect();
+    let n = points.len().max(1) as f64;
+    let mean = |k: usize| points.iter().map(|p| p[k]).sum::<f64>() / n;
+    let (x, u) = (mean(0), mean(1));
+    let (mut a, mut b) = (0.0, f64::MIN_POSITIVE);
+    for p in points {
+        a += (p[0] - x) * (p[1] - u);
+        b += (p[0] - x).powi(2);
+    }
+    [u - a / b * x, a / b]
+}
+
+/// Numbers from −1 to 1 that look random: the xorshift generator.
+fn random(seed: u64) -> impl FnMut() -> f64 {
+    let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    move || {
+        s ^= s << 13;
+        s ^= s >> 7;
+        s ^= s << 17;
+        (s >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+}
