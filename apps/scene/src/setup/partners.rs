@@ -24,7 +24,7 @@ const BRITTLE_ABSORBER: AbsorberTable = AbsorberTable {
 
 /// Data of the two models of an interface that its parts depend on.
 #[derive(Debug, Clone)]
-pub(super) struct Partners {
+pub(crate) struct Partners {
     /// Numbers of the coarse and the fine model.
     pub models: [usize; 2],
     /// Length of the coarse model's elements \[m\].

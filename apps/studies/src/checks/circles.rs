@@ -3,7 +3,7 @@
 //! test.
 
 use super::check::{Accept, Check, spread};
-use super::{Report, Runs, UntilTorn, last, measured};
+use super::{Report, Runs, UntilTorn, at_rest, last, measured, rests};
 use crate::crack::{CrackPath, Plate, broken};
 use arlequin_scene::{Result, Scene, Source};
 
@@ -122,16 +122,17 @@ pub fn pure_shear(seed: u64, crack: f64) -> Result<PureShear> {
 /// Compares the strengths with those of glass, and the pure-shear test with the input.
 pub(super) fn circles(done: &Runs) -> Result<Report> {
     let seeds = if done.quick { &SEEDS[..1] } else { &SEEDS[..] };
-    let of = |parts: [Option<f64>; 3]| {
-        seeds
-            .iter()
-            .map(|s| strength(*s, parts))
-            .collect::<Result<Vec<f64>>>()
+    let strengths = |parts: [Option<f64>; 3]| {
+        let tests = seeds.iter().map(|s| at_rest(strength(*s, parts)));
+        tests.collect::<Result<Vec<_>>>()
     };
+    let mut blocks = Vec::new();
     let mut checks = Vec::new();
     let mut uniaxial = 1.0;
     for (name, parts, glass) in STATES {
-        let values = of(parts)?;
+        let tests = strengths(parts)?;
+        let values: Vec<f64> = tests.iter().flatten().copied().collect();
+        blocks.extend(tests);
         if checks.is_empty() {
             uniaxial = spread(&values)[0];
             let megapascals: Vec<f64> = values.iter().map(|s| 1e-6 * s).collect();
@@ -147,22 +148,24 @@ pub(super) fn circles(done: &Runs) -> Result<Report> {
         checks.push(Check::over_seeds(&row, &ratios, Accept::Relative(0.1)).beside(glass, "glass, table 2"));
     }
     let tests = CRACKS.map(|a| {
-        seeds
-            .iter()
-            .map(|s| pure_shear(*s, a))
-            .collect::<Result<Vec<_>>>()
+        let tests = seeds.iter().map(|s| at_rest(pure_shear(*s, a)));
+        tests.collect::<Result<Vec<_>>>()
     });
     let [short, long] = tests;
     let (short, long) = (short?, long?);
+    let strips: Vec<_> = short.iter().chain(&long).copied().collect();
+    let ratios: Vec<f64> = short
+        .iter()
+        .zip(&long)
+        .filter_map(|(a, b)| Some(a.as_ref()?.stored / b.as_ref()?.stored))
+        .collect();
+    checks.push(rests(&blocks).note("blocks"));
+    checks.push(rests(&strips).note("strips"));
+    let [short, long] = [short, long].map(|tests| tests.into_iter().flatten().collect::<Vec<_>>());
     let stored = |tests: &[PureShear]| tests.iter().map(|t| t.stored / GC).collect::<Vec<f64>>();
     let input = |what: &str, values: &[f64]| {
         Check::over_seeds(what, values, Accept::Relative(0.12)).beside(1.0, "input")
     };
-    let ratios: Vec<f64> = short
-        .iter()
-        .zip(&long)
-        .map(|(a, b)| a.stored / b.stored)
-        .collect();
     let released: Vec<f64> = short.iter().chain(&long).map(|t| t.released / GC).collect();
     checks.push(input(
         "pure shear, crack of 12 mm: energy W H over gc",

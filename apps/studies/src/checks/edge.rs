@@ -1,7 +1,7 @@
 //! Edge-cracked bars in tension at rest: strength over the length of the crack.
 
 use super::check::{Accept, Check};
-use super::{Figure, Report, Runs, UntilTorn, last, measured};
+use super::{Figure, Report, Runs, UntilTorn, at_rest, last, measured, rests};
 use crate::crack::{Broken, broken, released_beside, slope};
 use arlequin_scene::{Result, Scene, Silent, Source};
 
@@ -101,17 +101,27 @@ pub(super) fn edge(done: &Runs) -> Result<Report> {
     let lengths = cracks.iter().map(|a| effective_length(*a));
     let lengths = lengths.collect::<Result<Vec<f64>>>()?;
     let (mut powers, mut taken, mut released, mut curves) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut tests = Vec::new();
     for seed in seeds {
-        let series = cracks.iter().map(|a| strength(*seed, *a));
+        let series = cracks.iter().map(|a| at_rest(strength(*seed, *a)));
         let series = series.collect::<Result<Vec<_>>>()?;
-        let peaks: Vec<f64> = series.iter().map(|s| s[0]).collect();
-        powers.push(power(&lengths, &peaks));
+        let found = series
+            .iter()
+            .zip(&lengths)
+            .filter_map(|(s, l)| s.map(|s| (s, *l)));
+        let (rows, lengths): (Vec<[f64; 2]>, Vec<f64>) = found.unzip();
+        tests.extend(series);
+        let peaks: Vec<f64> = rows.iter().map(|s| s[0]).collect();
+        // A slope needs two lengths.
+        if peaks.len() > 1 {
+            powers.push(power(&lengths, &peaks));
+        }
         let energies = peaks
             .iter()
             .zip(&lengths)
             .map(|(s, l)| s * s * l / SILICA[0] / SILICA[2]);
         taken.extend(energies);
-        released.extend(series.iter().map(|s| s[1] / SILICA[2]));
+        released.extend(rows.iter().map(|s| s[1] / SILICA[2]));
         let megapascals = peaks.iter().map(|s| 1e-6 * s).collect();
         curves.push((
             format!("seed {seed}"),
@@ -120,6 +130,7 @@ pub(super) fn edge(done: &Runs) -> Result<Report> {
         ));
     }
     let checks = vec![
+        rests(&tests),
         Check::over_seeds(
             "power of the strength over J E/sigma^2",
             &powers,

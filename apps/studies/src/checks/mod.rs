@@ -385,6 +385,28 @@ impl Observer for UntilTorn {
     }
 }
 
+/// Result of a test at rest; `None` if a load step found no equilibrium, as a nearly torn body may not.
+fn at_rest<T>(result: Result<T>) -> Result<Option<T>> {
+    match result {
+        Err(Error::Core {
+            source: arlequin::core::Error::NotSettled { .. },
+            ..
+        }) => Ok(None),
+        other => other.map(Some),
+    }
+}
+
+/// Row that counts the tests in which every load step found its equilibrium.
+fn rests<T>(tests: &[Option<T>]) -> Check {
+    Check::against(
+        "tests in which every load step finds an equilibrium",
+        tests.iter().flatten().count() as f64,
+        tests.len() as f64,
+        "our expectation",
+        Accept::Absolute(0.0),
+    )
+}
+
 /// Values of a probe of a run.
 fn measured<'a>(results: &'a Results, name: &str) -> Result<&'a [f64]> {
     let missing = || Error::System {
