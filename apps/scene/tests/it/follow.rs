@@ -241,7 +241,7 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
         (
             "[[effect]]\nmass",
-            "[[load]]\nmodel = \"body\"\nwhere = \"x-max\"\npressure = 1.0\n[[effect]]\nmass",
+            "[[load]]\nmodel = \"body\"\nwhere = \"x-max\"\npressure = 1.0\ntime.ramp = { duration = 1e-6 }\n[[effect]]\nmass",
             "a load",
         ),
         (
