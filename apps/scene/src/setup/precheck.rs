@@ -65,6 +65,7 @@ fn order<'a>(name: &'a str, key: &'a str, table: &'a LoweredModel, folder: &'a P
         table,
         folder,
         effects: &[],
+        rigid: None,
         supports: &[],
     }
 }
