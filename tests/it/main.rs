@@ -28,5 +28,4 @@ mod rezoning;
 mod rezoning_space;
 mod solid;
 mod support;
-mod surface_contact;
 mod theory;

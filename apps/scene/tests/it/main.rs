@@ -21,7 +21,6 @@ mod rooms;
 mod shipped;
 mod statics;
 mod stresses;
-mod surface_contact;
 mod surface_loads;
 mod volumes;
 mod zone;
