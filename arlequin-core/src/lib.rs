@@ -12,6 +12,7 @@
 //! | [`effect`], `time` | loads, dampings, contact; time functions, of supports too |
 //! | `subdomain`, `coupled` | the step and the set-up: [`Subdomain`], [`Coupled`]; equilibrium in `statics` |
 //! | `ledger`, `momentum`, `observer`, [`snapshot`] | energies, momenta and warnings of a run; checkpoints |
+//! | [`contact`] | contact law, energy budgets, rigid bodies, surfaces that touch them |
 //! | [`conformance`] | checks for those who write models, junctions or effects |
 //! | [`ranks`] | partitioned models on several ranks, with the bits of one rank |
 //! | [`harmonic`], [`advice`] | reflection of an overlap, and choices that are known to do badly |
@@ -57,6 +58,7 @@ pub mod adjacency;
 pub mod advice;
 pub mod blocks;
 pub mod conformance;
+pub mod contact;
 mod coupled;
 mod dissection;
 pub mod effect;
@@ -116,8 +118,8 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model, State,
-    StepBound, Stepping, Stride, Views, Watching, check_size,
+    Boundary, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model,
+    State, StepBound, Stepping, Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

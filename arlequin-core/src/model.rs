@@ -283,6 +283,8 @@ pub struct Views<'a, T: Real> {
     pub recovery: Option<&'a dyn Recovery<T>>,
     /// Gradients at points of a continuum, for the energy that cracks release.
     pub gradients: Option<&'a dyn Gradients<T>>,
+    /// Facets of the surface of a continuum, for contact.
+    pub surface: Option<&'a dyn Boundary>,
     /// Bonds between the nodes, for output.
     pub links: Option<&'a dyn Links<T>>,
     /// Report of the effects that a state would need.
@@ -302,6 +304,7 @@ impl<T: Real> Default for Views<'_, T> {
             particles: None,
             recovery: None,
             gradients: None,
+            surface: None,
             links: None,
             watching: None,
             step_bound: None,
@@ -316,6 +319,13 @@ impl<T: Real> std::fmt::Debug for Views<'_, T> {
             .field("effects", &self.effects)
             .finish_non_exhaustive()
     }
+}
+
+/// A model with a surface of flat facets.
+pub trait Boundary {
+    /// Nodes of the triangles of the surface, counter-clockwise from outside; quadrilaterals are cut into
+    /// two. The nodes are those of [`Model::nodes`].
+    fn triangles(&self) -> Vec<[u32; 3]>;
 }
 
 /// One step of velocity Verlet under internal forces alone. Every slice holds one number per unknown.

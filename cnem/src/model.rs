@@ -30,8 +30,8 @@ use arlequin_core::effect::SurfaceFacet;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches, Views,
-    Weight, advice, check_size, spectrum,
+    Boundary, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Model, Owned, Patches,
+    Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -403,7 +403,16 @@ impl Model<f64> for CnemModel {
         views.recovery = Some(self);
         views.linear = is_whole.then_some(self as _);
         views.gradients = is_whole.then_some(self as _);
+        views.surface = is_whole.then_some(self as _);
         views
+    }
+}
+
+impl Boundary for CnemModel {
+    /// Triangles of the surface; the faces of cracks are left out.
+    fn triangles(&self) -> Vec<[u32; 3]> {
+        let faces = self.domain().constrained_faces().filter(|f| !f.1);
+        faces.map(|f| f.0.map(|k| k as u32)).collect()
     }
 }
 

@@ -22,6 +22,8 @@
 use crate::error::{Error, Result, positive};
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
+pub use arlequin_core::contact::Twist;
+
 /// Elastic constants of the beams and the ratio of beam to mean particle radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamMaterial {
@@ -172,26 +174,6 @@ pub struct LinearBond {
     pub axis: Vector3<f64>,
     /// `w l`.
     pub scale: f64,
-}
-
-/// Displacement \[m\] and rotation \[rad\] of a particle, or force \[N\] and torque \[N m\] on it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Twist {
-    /// Translation or force.
-    pub linear: Vector3<f64>,
-    /// Rotation or torque.
-    pub angular: Vector3<f64>,
-}
-
-impl Twist {
-    /// Returns zero translation and rotation.
-    #[must_use]
-    pub fn zero() -> Self {
-        Self {
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-        }
-    }
 }
 
 impl LinearBond {

@@ -62,12 +62,13 @@ pub mod toughness;
 #[cfg(feature = "vtu")]
 pub mod vtu;
 
-pub use bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
+pub use arlequin_core::contact::{Motion, RigidShape, Twist};
+pub use bond::{BeamMaterial, BeamRigidity, LinearBond};
 pub use contact::{Contact, ContactBetween, ContactBody, ContactLaw};
 pub use error::{Error, Result};
 pub use fracture::{Criterion, Fracture, Scatter};
 pub use model::{DemModel, DemReport, LoadShare, TOUCH};
-pub use obstacle::{Motion, Obstacle, RigidShape};
+pub use obstacle::Obstacle;
 pub use packing::{Compaction, Container, Packing, PackingReport, PackingSpec, Surface};
 pub use particles::{BondedParticles, Matter};
 pub use statics::Held;

@@ -7,6 +7,7 @@
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result, parameter};
 use crate::field::FemField;
+use crate::gmsh;
 use crate::kernel;
 use crate::mesh::Mesh;
 use crate::portion::Part;
@@ -14,8 +15,8 @@ use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
-    CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model, Owned, Patches,
-    Real, Views, Weight, advice, check_size, spectrum,
+    Boundary, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model,
+    Owned, Patches, Real, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -296,8 +297,16 @@ impl<T: Real> Model<T> for FemModel<T> {
         let mut views = Views::default();
         views.recovery = Some(self);
         views.linear = is_whole.then_some(self as _);
-        views.gradients = (is_whole && self.mesh().kind() != ElementKind::Bar2).then_some(self as _);
+        let is_solid = self.mesh().kind() != ElementKind::Bar2;
+        views.gradients = (is_whole && is_solid).then_some(self as _);
+        views.surface = (is_whole && is_solid).then_some(self as _);
         views
+    }
+}
+
+impl<T: Real> Boundary for FemModel<T> {
+    fn triangles(&self) -> Vec<[u32; 3]> {
+        gmsh::facets_of(self.mesh(), &self.mesh().boundary())
     }
 }
 

@@ -3,6 +3,7 @@
 //! All functions work in the reference configuration, and only at set-up.
 
 mod clip;
+mod faces;
 mod polyhedron;
 mod quadrature;
 
@@ -12,6 +13,7 @@ use quadrature::{gauss_line, tetrahedron_quadrature};
 
 pub use crate::tree::BoxTree;
 pub(crate) use clip::Body;
+pub use faces::Faces;
 pub use polyhedron::{HalfSpace, Polyhedron};
 pub use quadrature::tetrahedron_volume;
 

@@ -11,9 +11,9 @@
 //! - In an overlap with a third model, a contact carries the smaller mass share of its two ends, as within
 //!   one model.
 
+use super::ContactLaw;
 use super::body::ContactBody;
 use super::grains::Grains;
-use super::law::ContactLaw;
 use super::neighbours::{CrossList, distance};
 use super::touching::Touching;
 use crate::error::{Error, Result};

@@ -1,11 +1,10 @@
 //! The particles of one model with the data that contacts need.
 
 use super::body::ContactBody;
-use super::budget::End;
 use super::gathered::{self, ContactData};
-use crate::bond::Twist;
 use crate::packing::cells::Sphere;
 use arlequin_core::Owned;
+use arlequin_core::contact::{End, Twist};
 use arlequin_core::effect::{Host, Instant};
 use nalgebra::Vector3;
 use rayon::prelude::*;

@@ -13,17 +13,15 @@
 //! fixed order, so results do not depend on the number of threads. A step allocates only where the lists
 //! grow.
 //!
-//! A contact never gives back more energy than it took in, whatever the step (see `budget.rs`). Contacts are
+//! A contact never gives back more energy than it took in, whatever the step ([`arlequin_core::contact::BudgetedLaw`]). Contacts are
 //! taken one after the other, in an order that is reversed in every step. The step must also resolve contacts
 //! that do not exist yet: an allowance of [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts
 //! per particle, beside its bonds, enters the critical step.
 
 mod between;
 mod body;
-pub(crate) mod budget;
 pub(crate) mod gathered;
 mod grains;
-mod law;
 pub(crate) mod neighbours;
 mod pairs;
 mod parts;
@@ -31,11 +29,11 @@ mod surrounding;
 mod touching;
 mod watch;
 
+pub use arlequin_core::contact::ContactLaw;
+pub(crate) use arlequin_core::contact::Spring;
 pub use between::ContactBetween;
 pub use body::ContactBody;
 pub(crate) use grains::{Grains, add, power};
-pub use law::ContactLaw;
-pub(crate) use law::{Pair, Spring};
 pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
 
 use crate::error::Result;

@@ -1,7 +1,7 @@
 //! Near pairs in a partitioned body: each rank lists the pairs whose first particle it owns.
 
+use super::Spring;
 use super::grains::Grains;
-use super::law::Spring;
 use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_distance_of};
 use super::surrounding::Surrounding;
 use crate::fracture::{Break, BreakLog};

@@ -3,9 +3,9 @@
 //! Each rank lists and measures the pairs whose first particle it owns, with the surrounding particles of
 //! other ranks. Closed pairs are gathered on all ranks, and every rank computes all of them ([`Gathered`]).
 
+use super::Spring;
 use super::gathered::Gathered;
 use super::grains::Grains;
-use super::law::Spring;
 use super::neighbours::{Candidate, Listed, PairList};
 use super::pairs::{Key, PartitionedPairs};
 use super::touching::Touching;

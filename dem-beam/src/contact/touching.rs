@@ -1,10 +1,9 @@
 //! Closed contacts between the particles of one model or of two.
 
-use super::budget::BudgetedLaw;
 use super::grains::{self, Grains};
-use super::law::{ContactLaw, Pair, Spring};
 use super::neighbours::Listed;
 use arlequin_core::Exact;
+use arlequin_core::contact::{BudgetedLaw, ContactLaw, Pair, Spring};
 use arlequin_core::effect::{Instant, StepDemand};
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
@@ -135,7 +134,13 @@ impl Touching {
     ) {
         let [i, j] = ends.map(|e| e as usize);
         let last = grains.len() - 1;
-        let pair = pair([&grains[0], &grains[last]], [i, j], overlap, instants);
+        let pair = pair(
+            &self.law.law,
+            [&grains[0], &grains[last]],
+            [i, j],
+            overlap,
+            instants,
+        );
         let end_states = || {
             [
                 grains[0].end(&instants[0], f[0], i),
@@ -305,7 +310,13 @@ impl Active {
     }
 }
 
-fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, instants: &[Instant<'_, f64>]) -> Pair {
+fn pair(
+    law: &ContactLaw,
+    grains: [&Grains; 2],
+    [i, j]: [usize; 2],
+    gap: f64,
+    instants: &[Instant<'_, f64>],
+) -> Pair {
     let (a, b) = (&grains[0].now[i], &grains[1].now[j]);
     let d = Vector3::new(b[0] - a[0], b[1] - a[1], b[2] - a[2]);
     let distance = d.norm();
@@ -317,7 +328,8 @@ fn pair(grains: [&Grains; 2], [i, j]: [usize; 2], gap: f64, instants: &[Instant<
             Vector3::x()
         },
         gap,
-        radii: [a[3], b[3]],
+        stiffness: law.stiffness([a[3], b[3]]),
+        reduced_radius: a[3] * b[3] / (a[3] + b[3]),
         // The point of contact divides the distance of the centres in proportion to the radii.
         arms: [a[3], b[3]].map(|r| distance * r / (a[3] + b[3])),
         share: grains[0].share[i].min(grains[1].share[j]),

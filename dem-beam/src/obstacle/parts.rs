@@ -6,6 +6,7 @@ use super::{Active, Body, allowed};
 use crate::contact::gathered::Gathered;
 use crate::contact::{Grains, Spring};
 use arlequin_core::Owned;
+use arlequin_core::contact::RigidBody;
 use arlequin_core::effect::{Host, Instant};
 use std::borrow::Cow;
 
@@ -33,7 +34,7 @@ impl Body {
         (self.allowed, self.springs) = (Vec::new(), Vec::new());
         self.partition = Some(PartitionState {
             owned,
-            allowed: allowed(&self.shape, &grains.rest_spheres),
+            allowed: allowed(self.body.lock().shape(), &grains.rest_spheres),
             near: self.near.for_particles(grains.len()),
             grains,
             gathered: Gathered::default(),
@@ -46,6 +47,7 @@ impl Body {
     pub(super) fn respond_partitioned(
         &mut self,
         partition: &mut PartitionState,
+        rigid: &mut RigidBody,
         instant: &Instant<'_, f64>,
         f: &mut [f64],
     ) -> arlequin_core::Result<()> {
@@ -53,10 +55,12 @@ impl Body {
         let rest_spheres = &partition.grains.rest_spheres;
         partition
             .near
-            .refresh(&self.shape, &self.moved, u, rest_spheres, |_| ());
+            .refresh(rigid.shape(), &rigid.moved(), u, rest_spheres, |_| ());
         let touches = |i: &u32| {
             let i = *i as usize;
-            let (distance, _) = self.shape.distance(&place(&rest_spheres[i], u, i), &self.moved);
+            let (distance, _) = rigid
+                .shape()
+                .distance(&place(&rest_spheres[i], u, i), &rigid.moved());
             rest_spheres[i][3] + partition.allowed[i] - distance > 0.0
         };
         let mut members: Vec<u32> = partition.near.particles.iter().copied().filter(touches).collect();
@@ -82,12 +86,12 @@ impl Body {
             let id = known.ids[a.particle as usize];
             a.particle = gathered.place(id).unwrap_or_default() as u32;
         }
-        self.allowed = allowed(&self.shape, &grains.rest_spheres);
+        self.allowed = allowed(rigid.shape(), &grains.rest_spheres);
         (self.grains, self.springs) = (grains, springs);
         let now = gathered.instant(instant);
-        self.settle_budgets(&now);
+        self.settle_budgets(rigid, &now);
         let places: Vec<u32> = (0..gathered.ids.len() as u32).collect();
-        self.act_on(&places, &now, &mut forces);
+        self.act_on(&places, rigid, &now, &mut forces);
         gathered.deliver(&forces, f);
         Ok(())
     }

@@ -3,11 +3,12 @@
 
 use super::{Active, Body};
 use crate::contact::Spring;
+use arlequin_core::contact::RigidBody;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
 
 /// Number of values in a record that precede springs and closed contacts.
-const BALANCE: usize = 24;
+const BALANCE: usize = RigidBody::NUMBERS + 1;
 
 impl Body {
     /// Writes the state. Integers: flags (started, a step was made, order of the next step reversed), the
@@ -15,26 +16,9 @@ impl Body {
     /// springs, the closed contacts.
     pub(super) fn recorded(&self) -> Record<f64> {
         let mut out = Record::default();
-        let flags = [self.started, self.law.begun, self.backwards];
-        out.integers.extend(flags.map(u64::from));
-        for v in [
-            self.moved,
-            self.velocity,
-            self.reaction,
-            self.spin,
-            self.torque,
-            self.weight,
-        ] {
-            out.numbers.extend(v.iter());
-        }
-        let balance = [
-            self.supplied,
-            self.pending,
-            self.first_energy,
-            self.peak,
-            self.fallen,
-        ];
-        out.numbers.extend(balance);
+        self.body.lock().save(self.share, &mut out);
+        out.integers
+            .extend([self.law.begun, self.backwards].map(u64::from));
         out.numbers.push(self.law.supplied);
         for s in self.all_springs().iter() {
             out.integers.push(u64::from(s.closed));
@@ -60,18 +44,11 @@ impl Body {
             BALANCE + 7 * n + 11 * pushes,
             3 + n + pushes,
         )?;
-        let three = |k: usize| Vector3::new(from.numbers[k], from.numbers[k + 1], from.numbers[k + 2]);
-        [self.started, self.law.begun, self.backwards] = [0, 1, 2].map(|k: usize| from.integers[k] == 1);
-        [self.moved, self.velocity, self.reaction] = [three(0), three(3), three(6)];
-        [self.spin, self.torque, self.weight] = [three(9), three(12), three(15)];
-        [
-            self.supplied,
-            self.pending,
-            self.first_energy,
-            self.peak,
-            self.fallen,
-            self.law.supplied,
-        ] = [18, 19, 20, 21, 22, 23].map(|k: usize| from.numbers[k]);
+        if let Some(motion) = from.numbers.first_chunk() {
+            self.body.lock().restore(self.share, from.integers[0], motion);
+        }
+        [self.law.begun, self.backwards] = [1, 2].map(|k: usize| from.integers[k] == 1);
+        self.law.supplied = from.numbers[RigidBody::NUMBERS];
         let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
         let (closed, particles) = from.integers[3..].split_at(n);
         let saved = closed.iter().zip(springs.as_chunks::<7>().0);

@@ -10,6 +10,7 @@ use super::{Body, RigidShape, near};
 use crate::error::{Error, Result};
 use crate::packing::cells::Sphere;
 use arlequin_core::Owned;
+use arlequin_core::contact::RigidBody;
 use nalgebra::{Point3, Vector3};
 
 /// Particles that overlap an obstacle by more than the smaller radius of both, and the deepest of them.
@@ -32,7 +33,7 @@ impl Inside {
         particles: impl Iterator<Item = (&'a f64, Point3<f64>)>,
     ) -> Self {
         let mut out = Self::default();
-        let size = shape.radius();
+        let size = shape.depth();
         for (radius, centre) in particles {
             let depth = radius - shape.distance(&centre, moved).0;
             let limit = radius.min(size);
@@ -106,7 +107,7 @@ pub(super) fn check(
 impl Body {
     /// Returns an error if particles are displaced into the obstacle before the first step. Collective on a
     /// partitioned body.
-    pub(super) fn check_start(&mut self, q: &[f64]) -> arlequin_core::Result<()> {
+    pub(super) fn check_start(&mut self, rigid: &RigidBody, q: &[f64]) -> arlequin_core::Result<()> {
         if std::mem::replace(&mut self.checked, true) {
             return Ok(());
         }
@@ -116,7 +117,7 @@ impl Body {
             .iter()
             .enumerate()
             .map(|(i, s)| (&s[3], near::place(s, q, i)));
-        let inside = Inside::find(&self.shape, &self.moved, displaced).on_all_ranks(&owned)?;
+        let inside = Inside::find(rigid.shape(), &rigid.moved(), displaced).on_all_ranks(&owned)?;
         let named = |e| arlequin_core::Error::of_model(&self.host, e);
         inside.refuse(&self.name).map_err(named)
     }

@@ -226,7 +226,14 @@ fn planes_and_cylinders_do_not_turn() {
         let result = Obstacle::new("it", &model, shape, motion, ContactLaw::elastic(E));
         result.unwrap_err().to_string()
     };
-    let fixed = Obstacle::new("it", &model, roller, Motion::Fixed, ContactLaw::elastic(E)).unwrap();
+    let fixed = Obstacle::new(
+        "it",
+        &model,
+        roller.clone(),
+        Motion::Fixed,
+        ContactLaw::elastic(E),
+    )
+    .unwrap();
     let error = fixed.with_spin(Vector3::x()).unwrap_err().to_string();
     assert!(
         error.contains("make the obstacle a sphere with a mass"),

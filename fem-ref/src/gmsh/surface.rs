@@ -6,6 +6,7 @@ use super::{contents, fault};
 use crate::check::node_set;
 use crate::error::{Error, Result};
 use crate::mesh::{Facet, Mesh};
+use arlequin_core::Real;
 use mshio::mshfile::ElementType;
 use nalgebra::Point3;
 use std::collections::{BTreeMap, HashSet};
@@ -49,7 +50,7 @@ fn cut(corners: &[u32]) -> Vec<[u32; 3]> {
 }
 
 /// Facets of a solid mesh as outward triangles; quadrilaterals are cut into two.
-pub fn facets_of(mesh: &Mesh<f64>, facets: &[Facet]) -> Vec<[u32; 3]> {
+pub fn facets_of<T: Real>(mesh: &Mesh<T>, facets: &[Facet]) -> Vec<[u32; 3]> {
     facets.iter().flat_map(|f| cut(&mesh.facet_nodes(*f))).collect()
 }
 

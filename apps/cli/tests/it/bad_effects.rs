@@ -97,7 +97,7 @@ fn effects_of_particles() {
         ("contact = { friction = -0.1 }", "friction coefficient = -0.1"),
         (
             "contact = { restitution = 0.01 }",
-            "coefficient of restitution = 0.01 is outside [0.15, 1]",
+            "coefficient of restitution = 0.01: must lie in [0.15, 1]",
         ),
         ("contact = { skin = 0.0 }", "skin of the neighbour list = 0"),
         (

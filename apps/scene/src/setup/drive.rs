@@ -4,9 +4,10 @@ use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
 use super::kinds::kind;
 use super::names::{SOLID, effect_models, headline, model_index, model_indices, parts, with_parts};
+use super::obstacle::{self, RigidBodies};
 use super::time::time_function;
 use super::{fracture, grains, load, shared, support};
-use crate::error::{Result, core, dem, key, value};
+use crate::error::{Result, core, key, value};
 use crate::setup::LoweredScene;
 use crate::spec::{Axis, Effect, EffectKind, Field, Initial, Spin, Wave};
 use arlequin::core::effect::{
@@ -39,6 +40,7 @@ impl Attachments {
     pub(super) fn from_scene(
         scene: &LoweredScene,
         bodies: &mut [Body],
+        rigid: &[RigidBodies],
         joints: &[BuiltInterface],
         folder: &Path,
     ) -> Result<Self> {
@@ -60,7 +62,7 @@ impl Attachments {
         }
         for (k, e) in scene.effect.iter().enumerate() {
             for m in effect_models(k, e, scene)? {
-                let Some(built) = on_body(k, e, &mut bodies[m])? else {
+                let Some(built) = on_body(k, e, &mut bodies[m], &rigid[m])? else {
                     continue;
                 };
                 // Local damping is a share of all other forces, so it must be evaluated last.
@@ -99,12 +101,12 @@ pub(super) fn check(k: usize, e: &Effect, scene: &LoweredScene) -> Result<()> {
     match &e.kind {
         EffectKind::Fracture(f) => fracture::check(k, e, f, scene),
         // Any modulus: only the other numbers are checked.
-        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(dem(path)),
+        EffectKind::Contact(c) => grains::law(1.0, c).check().map_err(core(path)),
         EffectKind::Obstacle(o) => {
             headline(&path, o.name.as_deref())?;
-            grains::obstacle_parts(k, o)?;
+            obstacle::obstacle_parts(k, o)?;
             let law = grains::law(1.0, &o.contact);
-            law.check().map_err(dem(format!("{path}.contact")))
+            law.check().map_err(core(format!("{path}.contact")))
         }
         EffectKind::BulkViscosity(b) if b.coefficient < 0.0 => {
             let rule = "must not be negative [-]; the usual one is 0.06";
@@ -156,7 +158,7 @@ pub(super) fn simple_effects(scene: &LoweredScene, m: usize) -> Result<[Vec<Chos
 }
 
 /// Builds effect `k` for a body; `None` if the effect is off or part of the model (fracture).
-fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
+fn on_body(k: usize, e: &Effect, body: &mut Body, rigid: &RigidBodies) -> Result<Option<Chosen>> {
     if !e.enabled {
         return Ok(None);
     }
@@ -182,6 +184,10 @@ fn on_body(k: usize, e: &Effect, body: &mut Body) -> Result<Option<Chosen>> {
             Ok(Some(Box::new(viscosity)))
         }
         EffectKind::Fracture(_) => Ok(None),
+        EffectKind::Obstacle(o) if body.grains.is_none() => {
+            let contact = rigid.get(&k).map(|r| obstacle::on_surface(&path, o, r, body));
+            contact.transpose()
+        }
         EffectKind::Contact(_) | EffectKind::Obstacle(_) => {
             match body.grains.as_mut().and_then(|g| g.effects.remove(&k)) {
                 None => Err(key(path, "is made for no model; remove it")),

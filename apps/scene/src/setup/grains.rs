@@ -2,15 +2,14 @@
 
 use super::body::Grains;
 use super::fracture;
+use super::obstacle::RigidBodies;
 use super::packing::PackingLine;
 use super::skin::Skin;
-use super::time::time_function;
 use crate::error::{Result, dem, key, value};
 use crate::setup::LoweredModel;
-use crate::spec::{self, Effect, EffectKind, LooseKind, ObstacleShape};
+use crate::spec::{self, Effect, EffectKind, LooseKind};
 use arlequin::core::effect;
-use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Motion, Obstacle, RigidShape};
+use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Obstacle};
 use std::collections::BTreeMap;
 
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
@@ -18,6 +17,7 @@ pub(super) fn build(
     model: DemModel,
     (key, table): (&str, &LoweredModel),
     effects: &[(usize, &Effect)],
+    rigid: Option<&RigidBodies>,
     mut packing: PackingLine,
     skin: Skin,
 ) -> Result<(DemModel, Grains)> {
@@ -31,7 +31,12 @@ pub(super) fn build(
             built.insert(*k, Box::new(contact));
         }
         if let EffectKind::Obstacle(o) = &e.kind {
-            built.insert(*k, Box::new(obstacle(*k, o, &model, young, effects)?));
+            let Some(body) = rigid.and_then(|r| r.get(k)) else {
+                continue;
+            };
+            let obstacle = Obstacle::of_body(&model, body, law(young, &o.contact));
+            let obstacle = obstacle.map_err(dem(format!("effect[{k}].obstacle")))?;
+            built.insert(*k, Box::new(obstacle));
         }
     }
     let body = ContactBody::from_model(&model);
@@ -60,96 +65,6 @@ pub(super) fn law(young: f64, c: &spec::Contact) -> ContactLaw {
         skin: c.skin.unwrap_or(base.skin),
         ..base
     }
-}
-
-/// Shape and motion of an obstacle.
-///
-/// # Errors
-/// Keys that exclude each other; invalid shapes.
-pub(crate) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape, Motion)> {
-    let path = format!("effect[{k}].obstacle");
-    let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
-    let shape = match o.shape {
-        ObstacleShape::Plane { point: p, normal } => RigidShape::Plane {
-            point: point(p),
-            normal: Vector3::from(normal),
-        },
-        ObstacleShape::Sphere { centre, radius } => RigidShape::Sphere {
-            centre: point(centre),
-            radius,
-        },
-        ObstacleShape::Cylinder {
-            point: p,
-            axis,
-            radius,
-        } => RigidShape::Cylinder {
-            point: point(p),
-            axis: Vector3::from(axis),
-            radius,
-        },
-    };
-    let velocity = o.velocity.map(Vector3::from);
-    let motion = match (o.mass, velocity, &o.displacement) {
-        (Some(mass), v, None) => Motion::Free {
-            mass,
-            velocity: v.unwrap_or_default(),
-            inertia: o.inertia,
-        },
-        (None, Some(v), None) => Motion::Velocity(v),
-        (None, None, Some(d)) => Motion::Prescribed {
-            amplitude: Vector3::from(d.amplitude),
-            time: time_function(&format!("{path}.displacement.time"), &d.time)?,
-        },
-        (None, None, None) => Motion::Fixed,
-        _ => {
-            let rule = "displacement excludes velocity and mass; remove one side";
-            return Err(key(path, rule));
-        }
-    };
-    if o.contact.skin.is_some() || o.contact.rolling.is_some() {
-        return Err(key(
-            format!("{path}.contact"),
-            "an obstacle knows no skin and no rolling; remove them",
-        ));
-    }
-    if o.inertia.is_some() && o.mass.is_none() {
-        let rule = "only a free obstacle has one; give its mass as well, or remove it";
-        return Err(key(format!("{path}.inertia"), rule));
-    }
-    let free_ball = matches!((&o.shape, o.mass), (ObstacleShape::Sphere { .. }, Some(_)));
-    if o.spin.is_some() && !free_ball {
-        let rule = "only a free sphere turns; give it a mass, or remove spin";
-        return Err(key(format!("{path}.spin"), rule));
-    }
-    let shape = shape.checked().map_err(dem(format!("{path}.shape")))?;
-    Ok((shape, motion))
-}
-
-/// Builds an obstacle with its spin; body forces on the particles accelerate the obstacle too.
-fn obstacle(
-    k: usize,
-    o: &spec::Obstacle,
-    model: &DemModel,
-    young: f64,
-    effects: &[(usize, &Effect)],
-) -> Result<Obstacle> {
-    let path = format!("effect[{k}].obstacle");
-    let (shape, motion) = obstacle_parts(k, o)?;
-    let name = o.ledger_name(k);
-    let law = law(young, &o.contact);
-    let mut obstacle = Obstacle::new(&name, model, shape, motion, law).map_err(dem(&path))?;
-    if let Some(spin) = o.spin {
-        obstacle = obstacle
-            .with_spin(Vector3::from(spin))
-            .map_err(dem(format!("{path}.spin")))?;
-    }
-    for (n, e) in effects.iter().filter(|(_, e)| e.enabled) {
-        if let EffectKind::BodyForce(b) = &e.kind {
-            let time = time_function(&format!("effect[{n}].body_force.time"), &b.time)?;
-            obstacle = obstacle.with_acceleration(Vector3::from(b.acceleration), time);
-        }
-    }
-    Ok(obstacle)
 }
 
 /// Refuses loose grains without contact: they would pass through all bodies.

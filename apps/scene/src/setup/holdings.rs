@@ -7,7 +7,7 @@
 use super::{Body, Feature, effect_models, kind};
 use crate::ranks::RankLine;
 use crate::setup::{LoweredInterface, LoweredScene};
-use crate::spec::Scheme;
+use crate::spec::{EffectKind, Scheme};
 use arlequin::core::ranks::UNIT;
 
 /// Distribution of each model of a scene over the ranks; empty for a single rank.
@@ -65,7 +65,8 @@ fn whole(scene: &LoweredScene, m: usize, body: &Body) -> Option<String> {
         let between = e.between.as_ref().is_some_and(|b| b.contains(name));
         let acts = between || effect_models(k, e, scene).unwrap_or_default().contains(&m);
         // Contact between two models needs both whole.
-        let works = !e.enabled || e.kind.works_in_parts() && !between;
+        let on_elements = matches!(e.kind, EffectKind::Obstacle(_)) && body.grains.is_none();
+        let works = !e.enabled || e.kind.works_in_parts() && !between && !on_elements;
         if acts && !works {
             return Some(format!("effect[{k}].{} does not go in parts", e.kind.key()));
         }

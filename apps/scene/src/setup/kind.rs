@@ -3,6 +3,7 @@
 use super::body::Body;
 use super::clock::SetupClock;
 use super::mesh::{self, Elements};
+use super::obstacle::RigidBodies;
 use super::zone::Supports;
 use crate::error::Result;
 use crate::setup::{BodyShape, LoweredModel, LoweredScene};
@@ -22,6 +23,8 @@ pub(crate) struct Order<'a> {
     pub folder: &'a Path,
     /// Effects on the model, with their numbers in the scene.
     pub effects: &'a [(usize, &'a Effect)],
+    /// Rigid bodies that the model touches; `None` where nothing is built.
+    pub rigid: Option<&'a RigidBodies>,
     /// Supports of the model, with their numbers in the scene.
     pub supports: Supports<'a>,
 }

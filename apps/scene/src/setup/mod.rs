@@ -25,6 +25,7 @@ mod mediator;
 mod mesh;
 mod names;
 mod notch;
+mod obstacle;
 mod origin;
 pub mod packing;
 mod partners;
@@ -53,7 +54,6 @@ pub use built::{Built, ModelInfo, Start};
 pub use clock::PhaseTime;
 pub(crate) use files::text;
 pub(crate) use fracture::stops_at_overlap;
-pub(crate) use grains::obstacle_parts;
 pub(crate) use interface::{BuiltInterface, stations};
 pub(crate) use kind::Feature;
 pub(crate) use kinds::kind;
@@ -62,6 +62,7 @@ pub use lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, Overl
 pub use mesh::Grid;
 pub use names::{effect_models, model_index};
 pub use notch::{Knife, cut, knives};
+pub(crate) use obstacle::obstacle_parts;
 pub(crate) use probe::acts;
 pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
@@ -70,12 +71,13 @@ pub use zone::{Moving, Share};
 
 use crate::error::{Result, core, key, value};
 use crate::ranks::{RankLine, Ranks};
-use crate::spec::{Bearer, Effect, Support};
+use crate::spec::{Effect, Support};
 use arlequin::core::snapshot::Record;
-use arlequin::core::{Coupled, Guard, Partition, Parts, SetupPhase, Subdomain, Weighting};
+use arlequin::core::{Coupled, Guard, OwnStep, Partition, Parts, SetupPhase, Subdomain, Weighting};
 use clock::SetupClock;
 use drive::Attachments;
 use kind::Order;
+use obstacle::RigidBodies;
 use std::path::Path;
 
 /// Builds the run that a scene describes.
@@ -114,14 +116,15 @@ pub(crate) fn build_from(
     precheck::models(scene, folder)?;
     let (scene, split_probes) = &zone::with_probes_in_zones(scene, folder)?;
     let checked = precheck::scene(scene, folder)?;
-    let mut bodies = bodies_of(scene, &checked.effects, folder, &mut clock)?;
+    let rigid_bodies = obstacle::rigid_bodies(scene)?;
+    let mut bodies = bodies_of(scene, (&checked.effects, &rigid_bodies), folder, &mut clock)?;
     clock.begin("mediators, probes and effects".to_owned());
     let interfaces = checked.interfaces.iter().map(|plan| plan.build(&bodies));
     let mut interfaces = interfaces.collect::<Result<Vec<_>>>()?;
     let probes = scene.probe.iter();
     let probes = probes.map(|(n, p)| ProbeReader::new(n, p, scene, &bodies, &interfaces));
     let probes: Vec<ProbeReader> = probes.collect::<Result<_>>()?;
-    let attachments = Attachments::from_scene(scene, &mut bodies, &interfaces, folder)?;
+    let attachments = Attachments::from_scene(scene, &mut bodies, &rigid_bodies, &interfaces, folder)?;
     let pairs = between::pairs(scene, &bodies)?;
     let without_contact = ParticlesWithoutContact::from_scene(scene, &bodies)?;
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
@@ -269,7 +272,7 @@ fn bounds_of(scene: &LoweredScene, bodies: &[Body], interfaces: &[BuiltInterface
 
 fn bodies_of(
     scene: &LoweredScene,
-    effects: &[Vec<(usize, &Effect)>],
+    (effects, rigid): (&[Vec<(usize, &Effect)>], &[RigidBodies]),
     folder: &Path,
     clock: &mut SetupClock<'_>,
 ) -> Result<Vec<Body>> {
@@ -291,6 +294,7 @@ fn bodies_of(
                 table,
                 folder,
                 effects: &effects[m],
+                rigid: Some(&rigid[m]),
                 supports: &supports,
             };
             out[m] = Some(kinds::build(&order, clock)?);
@@ -329,8 +333,12 @@ fn subdomains_of(
         }
     }
     let sleeps = lower::following(scene).is_some();
+    let in_step = obstacle::in_step(scene)?;
     let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
-        let own_step = time::own_step(scene, m);
+        let mut own_step = time::own_step(scene, m);
+        if matches!(own_step, OwnStep::Same) && in_step.contains(&m) {
+            own_step = OwnStep::Ratio(1);
+        }
         let built = subdomain(m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
         let built = if sleeps { built.with_sleep() } else { built };
         Ok(match memory {
@@ -352,7 +360,7 @@ fn may_leave(scene: &LoweredScene, m: usize) -> bool {
     let loose = scene
         .effect
         .iter()
-        .any(|e| e.enabled && e.kind.bearer() == Bearer::Particles);
+        .any(|e| e.enabled && e.kind.bearer().touches());
     let table = scene.model.values().nth(m).filter(|t| kind(t.kind).has_spheres());
     table.is_some_and(|t| loose || t.dem.finite_rotations)
 }

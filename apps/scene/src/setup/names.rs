@@ -154,18 +154,23 @@ pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<u
     }
     let (what, bearer) = (e.kind.key(), e.kind.bearer());
     let tables: Vec<&LoweredModel> = scene.model.values().collect();
+    let has_spheres = |m: &usize| kind(tables[*m].kind).has_spheres();
+    let is_solid = |m: &usize| kind(tables[*m].kind).elements().is_some() && !tables[*m].shape.is_line();
     let fits = |m: &usize| match bearer {
         Bearer::Any => true,
-        Bearer::Solids => {
-            let is_line = tables[*m].shape.is_line();
-            kind(tables[*m].kind).elements().is_some() && !is_line
+        Bearer::Solids => is_solid(m),
+        Bearer::Particles => has_spheres(m),
+        // Solids are named, unless the scene has nothing else that could touch.
+        Bearer::Surfaces if e.models.is_none() && (0..tables.len()).any(|m| has_spheres(&m)) => {
+            has_spheres(m)
         }
-        Bearer::Particles => kind(tables[*m].kind).has_spheres(),
+        Bearer::Surfaces => has_spheres(m) || is_solid(m),
     };
     let models = model_indices(&path, e.models.as_deref(), scene)?;
     if let (Some(names), Some(misfit)) = (&e.models, models.iter().position(|m| !fits(m))) {
         let requirement = match bearer {
             Bearer::Particles => "kind = \"dem\"",
+            Bearer::Surfaces => "kind = \"dem\", or a solid of kind = \"fem\" or \"cnem\"",
             _ => SOLID,
         };
         let rule = format!(
@@ -174,8 +179,10 @@ pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<u
         );
         return Err(key(format!("{path}.models[{misfit}]"), rule));
     }
-    // Gravity on a body also acts on its zones; damping may be meant for one model only.
+    // Gravity on a body also acts on its zones, and an obstacle touches them; damping may be meant for one
+    // model only.
     let models = match (&e.kind, &e.models) {
+        (EffectKind::Obstacle(_), Some(_)) => with_parts(scene, models, |_| false),
         (EffectKind::BodyForce(_), Some(_)) => with_parts(scene, models, |name| {
             let forces = scene
                 .effect

@@ -66,6 +66,7 @@ fn order<'a>(name: &'a str, key: &'a str, table: &'a LoweredModel, folder: &'a P
         table,
         folder,
         effects: &[],
+        rigid: None,
         supports: &[],
     }
 }

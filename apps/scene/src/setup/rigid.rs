@@ -7,7 +7,7 @@ use super::shapes::corners;
 use crate::error::Result;
 use crate::setup::LoweredScene;
 use crate::spec::{EffectKind, Obstacle, ObstacleShape};
-use arlequin::core::nalgebra::{Point3, Unit, Vector3};
+use arlequin::core::nalgebra::{Point3, Rotation3, Unit, Vector3};
 use std::f64::consts::PI;
 
 /// Number of cells along a quarter of a circle.
@@ -71,6 +71,42 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
             let points = ends.iter().flat_map(|s| (0..count).map(move |k| (k, *s)));
             let points = points.map(|(k, s)| ring(k, s)).collect();
             (grid(points, bands(1, count)), centre)
+        }
+        ObstacleShape::Cone {
+            tip,
+            axis,
+            height,
+            radius,
+        } => {
+            let (tip, axis) = (Point3::from(tip), Vector3::from(axis).normalize());
+            let [a, b] = across(&axis);
+            let count = 4 * QUARTER;
+            // From the tip along the flank, and to the middle of the base.
+            let rings = [[0.0, 0.0], [height, radius], [height, 0.0]];
+            let ring = |[along, out]: [f64; 2], k: usize| {
+                let angle = 0.5 * PI * k as f64 / QUARTER as f64;
+                tip + axis * along + (a * angle.cos() + b * angle.sin()) * out
+            };
+            let points = rings.iter().flat_map(|r| (0..count).map(move |k| (*r, k)));
+            let points = points.map(|(r, k)| ring(r, k)).collect();
+            (grid(points, bands(2, count)), tip + axis * (0.75 * height))
+        }
+        ObstacleShape::Box { centre, size, turn } => {
+            let centre = Point3::from(centre);
+            let turn = Rotation3::new(turn.map(Vector3::from).unwrap_or_default());
+            let corner = |k: usize| {
+                let end = |c: usize| size[c] * (((k >> c) & 1) as f64 - 0.5);
+                centre + turn * Vector3::new(end(0), end(1), end(2))
+            };
+            let faces = [
+                [0, 2, 3, 1],
+                [4, 5, 7, 6],
+                [0, 1, 5, 4],
+                [2, 6, 7, 3],
+                [0, 4, 6, 2],
+                [1, 3, 7, 5],
+            ];
+            (grid((0..8).map(corner).collect(), faces.concat()), centre)
         }
         ObstacleShape::Sphere { centre, radius } => {
             let centre = Point3::from(centre);

@@ -4,7 +4,7 @@ use super::formula;
 use super::kinds::kind;
 use crate::error::{Result, key, value};
 use crate::setup::{LoweredModel, LoweredScene};
-use crate::spec::{Bearer, Effect, EffectKind, Static};
+use crate::spec::{Effect, EffectKind, Static};
 use arlequin::core::Relaxation;
 use std::path::Path;
 
@@ -130,7 +130,7 @@ pub(super) fn check_held(scene: &LoweredScene) -> Result<()> {
 /// Returns whether nothing in a scene makes the load steps other than linear, so that they are solved
 /// directly.
 fn is_linear(scene: &LoweredScene) -> bool {
-    let linear = |e: &Effect| !e.enabled || e.kind.bearer() != Bearer::Particles && e.between.is_none();
+    let linear = |e: &Effect| !e.enabled || !e.kind.bearer().touches() && e.between.is_none();
     let plain = |m: &LoweredModel| !m.dem.finite_rotations && !kind(m.kind).is_remote();
     scene.effect.iter().all(linear) && scene.model.values().all(plain)
 }

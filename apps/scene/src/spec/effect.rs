@@ -32,6 +32,15 @@ pub enum Bearer {
     Solids,
     /// Models of particles.
     Particles,
+    /// Models of particles; solids of finite or natural elements where the scene names them.
+    Surfaces,
+}
+
+impl Bearer {
+    /// Returns whether the effect lets bodies break or touch.
+    pub(crate) fn touches(self) -> bool {
+        matches!(self, Self::Particles | Self::Surfaces)
+    }
 }
 
 /// Declares the effects, one per line: key in a scene, type, and the models that can have it.
@@ -65,7 +74,8 @@ macro_rules! effects {
         #[schemars(transform = schema::excludes("between", "models"))]
         #[schemars(extend("dependencies" = { "between": ["contact"] }))]
         pub(super) struct Table {
-            /// Names of the models. Default: all that can have the effect.
+            /// Names of the models. Default: all that can have the effect; for `obstacle` the models of
+            /// particles, or all solids if there are none.
             #[schemars(length(min = 1))]
             models: Option<Vec<String>>,
             /// For `contact`, instead of `models`: the two particle models whose particles touch each other.
@@ -108,8 +118,8 @@ effects! {
     fracture: Fracture, Particles;
     /// Contact between unbonded particles.
     contact: Contact, Particles;
-    /// A rigid body that particles touch.
-    obstacle: Obstacle, Particles;
+    /// A rigid body that particles and surfaces touch.
+    obstacle: Obstacle, Surfaces;
 }
 
 impl Effect {
@@ -360,7 +370,8 @@ pub struct Contact {
     pub skin: Option<f64>,
 }
 
-/// A rigid body that particles touch.
+/// A rigid body that particles and the surfaces of solids touch. With several models named, a free body
+/// moves under the forces of all of them; the body of a scene includes its zones.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::excludes("displacement", "velocity mass"))]
@@ -376,8 +387,8 @@ pub struct Obstacle {
     pub velocity: Option<[f64; 3]>,
     /// Prescribed displacement, instead of `velocity`.
     pub displacement: Option<ObstacleMotion>,
-    /// Mass of a free body \[kg\]; each `body_force` of its particles acts on the body too. A free sphere
-    /// also turns by the friction of `contact`; planes and cylinders do not. Default: driven or fixed.
+    /// Mass of a free body \[kg\]; each `body_force` of its models acts on the body too. A free sphere
+    /// also turns by the friction of `contact`; other shapes do not. Default: driven or fixed.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub mass: Option<f64>,
     /// Moment of inertia of a free sphere \[kg m²\]. Default: that of a full ball, `2/5 mass radius²`.
@@ -385,7 +396,8 @@ pub struct Obstacle {
     pub inertia: Option<f64>,
     /// Angular velocity of a free sphere at the start \[rad/s\]. Default: none.
     pub spin: Option<[f64; 3]>,
-    /// Contact with particles.
+    /// Contact law. On a surface of elements, the stiffness per area is `4 E/h`, with `h` the size of a
+    /// facet.
     #[serde(default)]
     #[schemars(extend("not" = { "anyOf": [{ "required": ["skin"] }, { "required": ["rolling"] }] }))]
     pub contact: Contact,
@@ -407,7 +419,7 @@ pub enum ObstacleShape {
     Plane {
         /// A point of the plane \[m\].
         point: [f64; 3],
-        /// Normal towards the particles.
+        /// Normal towards the models.
         #[schemars(transform = schema::not_zero)]
         normal: [f64; 3],
     },
@@ -430,11 +442,35 @@ pub enum ObstacleShape {
         #[schemars(extend("exclusiveMinimum" = 0))]
         radius: f64,
     },
+    /// Circular cone with a flat base.
+    Cone {
+        /// Tip \[m\].
+        tip: [f64; 3],
+        /// Direction from the tip to the base.
+        #[schemars(transform = schema::not_zero)]
+        axis: [f64; 3],
+        /// Height \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
+        height: f64,
+        /// Radius of the base \[m\].
+        #[schemars(extend("exclusiveMinimum" = 0))]
+        radius: f64,
+    },
+    /// Box.
+    Box {
+        /// Centre \[m\].
+        centre: [f64; 3],
+        /// Lengths of the sides \[m\].
+        size: [f64; 3],
+        /// Rotation vector about the centre \[rad\]. Default: along the axes.
+        turn: Option<[f64; 3]>,
+    },
 }
 
 choice!(
     ObstacleShape,
-    "{ plane = { point, normal } }, { sphere = { centre, radius } }, { cylinder = { point, axis, radius } }"
+    "{ plane = { point, normal } }, { sphere = { centre, radius } }, { cylinder = { point, axis, radius } }, \
+     { cone = { tip, axis, height, radius } }, { box = { centre, size } }"
 );
 
 /// Displacement of an obstacle, `amplitude · time`.

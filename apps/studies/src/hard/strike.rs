@@ -144,7 +144,7 @@ fn strike(speed: f64, step: TimeStep<f64>) -> Result<Torn> {
     };
     let motion = Motion::Velocity(Vector3::new(-speed, 0.0, 0.0));
     let extra = |m: &DemModel| -> Result<Vec<Box<dyn EffectSpec<f64>>>> {
-        let indenter = Obstacle::new("indenter", m, ball, motion.clone(), LAW)?;
+        let indenter = Obstacle::new("indenter", m, ball.clone(), motion.clone(), LAW)?;
         Ok(vec![Box::new(Contact::new(m, LAW)?), Box::new(indenter)])
     };
     coupled(&cloud, Fracture::new(Criterion::Mises, 0.05), &start, &extra)

@@ -1,8 +1,8 @@
 //! Watches for bodies and obstacles that enter bodies without contact, and warns as soon as it happens, once
 //! per pair.
 //!
-//! Obstacles act on the particles of the models that they name, and contact acts between particles. Elements
-//! have no contact, so that obstacles and other bodies pass through them. The watch checks pairs without an
+//! Obstacles act on the models that they name, and contact acts between particles. Elements have no contact
+//! with other bodies, which pass through them. The watch checks pairs without an
 //! effect between them: an obstacle and a body, or two bodies that no interface joins.
 //!
 //! A look costs a pass over the displacements and velocities of the bodies. A scene without such pairs costs
@@ -243,11 +243,8 @@ impl Watch {
     fn size(&self, pair: &Pair) -> f64 {
         let spacing = |m: usize| self.member(m).map_or(f64::INFINITY, |m| m.spacing);
         let first = match pair.first {
-            Intruder::Obstacle(k) => match self.obstacles[k].shape {
-                // A plane has no size of its own: the spacing of the body decides.
-                RigidShape::Plane { .. } => f64::INFINITY,
-                RigidShape::Sphere { radius, .. } | RigidShape::Cylinder { radius, .. } => radius,
-            },
+            // A plane has no size of its own: the spacing of the body decides.
+            Intruder::Obstacle(k) => self.obstacles[k].shape.depth(),
             Intruder::Model(m) => spacing(m),
         };
         first.min(spacing(pair.second))
@@ -365,15 +362,10 @@ impl Watch {
     fn remedy(&self, pair: &Pair) -> Option<String> {
         let second = self.member(pair.second)?;
         Some(match pair.first {
-            Intruder::Obstacle(k) if second.particles => format!(
+            Intruder::Obstacle(k) => format!(
                 "name '{}' in the models of effect[{}], or keep them apart",
                 second.name, self.obstacles[k].effect
             ),
-            Intruder::Obstacle(_) => {
-                "obstacles act on particles only; let the body be particles wherever the obstacle comes (a \
-                                      larger zone), or keep them apart"
-                    .to_owned()
-            }
             Intruder::Model(m) => {
                 let first = self.member(m)?;
                 let names = format!("[\"{}\", \"{}\"]", first.name, second.name);

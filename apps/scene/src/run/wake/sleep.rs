@@ -3,7 +3,7 @@
 use crate::error::{Result, key, unknown, value};
 use crate::scene::Scene;
 use crate::setup::{LoweredModel, LoweredScene, acts, effect_models};
-use crate::spec::{Bearer, Effect, EffectKind, Near, Scheme, StepChoice, Wake};
+use crate::spec::{Effect, EffectKind, Near, Scheme, StepChoice, Wake};
 
 /// Applies the assignments of `[wake]`, and removes the sleeping model with its interfaces, probes and
 /// effects.
@@ -161,7 +161,7 @@ fn effect(k: usize, e: &Effect, scene: &LoweredScene, wake: &Wake) -> Result<Opt
         return Err(key(format!("{path}.obstacle"), rule));
     }
     if let (true, Some(m)) = (
-        e.kind.bearer() == Bearer::Particles && e.enabled,
+        e.kind.bearer().touches() && e.enabled,
         other_models.clone().next(),
     ) {
         let name = scene.model.keys().nth(m).map_or("", String::as_str);

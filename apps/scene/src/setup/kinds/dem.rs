@@ -210,6 +210,7 @@ impl Kind for Dem {
             model,
             (key, table),
             effects,
+            order.rigid,
             line,
             Skin::new(&table.shape, &filling),
         )?;

@@ -5,8 +5,8 @@ use super::rules::axis;
 use crate::error::{Result, core, key, unknown, value};
 use crate::setup::body::Body;
 use crate::setup::names::{contact_sides, effect_models, model_index, parts};
-use crate::setup::{LoweredScene, load, select};
-use crate::spec::{EffectKind, ObstacleShape, Probe, Quantity, Selection};
+use crate::setup::{LoweredScene, load, obstacle_parts, select};
+use crate::spec::{EffectKind, Probe, Quantity, Selection};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Coupled, Resultant};
 use std::collections::BTreeMap;
@@ -127,10 +127,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<Bearer
         }
         out.effect = true;
         if let EffectKind::Obstacle(o) = &e.kind {
-            out.centre = Some(match o.shape {
-                ObstacleShape::Plane { point, .. } | ObstacleShape::Cylinder { point, .. } => point,
-                ObstacleShape::Sphere { centre, .. } => centre,
-            });
+            out.centre = Some(obstacle_parts(k, o)?.0.middle().coords.into());
         } else {
             out.everywhere = true;
         }

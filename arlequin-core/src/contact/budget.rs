@@ -22,13 +22,13 @@ use nalgebra::Vector3;
 
 /// One end of a contact during the step: three displacements and three rotations.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct End {
+pub struct End {
     /// Velocity `u` on which the next contact does its work.
-    pub(crate) middle: [f64; 6],
+    pub middle: [f64; 6],
     /// Velocity after the step from the forces known so far.
-    pub(crate) after: [f64; 6],
+    pub after: [f64; 6],
     /// Inverse inertia; zero where the motion is prescribed.
-    pub(crate) inverse_inertia: [f64; 6],
+    pub inverse_inertia: [f64; 6],
 }
 
 /// Work of a response over the step: `s linear + s^2 square` if the response is scaled by `s` \[J\].
@@ -85,17 +85,20 @@ impl Work {
 
 /// The contact law with the state that all contacts of a run share.
 #[derive(Debug)]
-pub(crate) struct BudgetedLaw {
-    pub(crate) law: ContactLaw,
+pub struct BudgetedLaw {
+    /// The law.
+    pub law: ContactLaw,
     damping_ratio: f64,
     /// True once a step has been made.
-    pub(crate) begun: bool,
+    pub begun: bool,
     /// Energy of contacts that were closed when the run began \[J\].
-    pub(crate) supplied: f64,
+    pub supplied: f64,
 }
 
 impl BudgetedLaw {
-    pub(crate) fn new(law: ContactLaw) -> Self {
+    /// A law whose contacts have budgets.
+    #[must_use]
+    pub fn new(law: ContactLaw) -> Self {
         Self {
             damping_ratio: law.damping_ratio(),
             law,
@@ -104,8 +107,14 @@ impl BudgetedLaw {
         }
     }
 
+    /// Fraction of critical damping of the law.
+    #[must_use]
+    pub fn damping_ratio(&self) -> f64 {
+        self.damping_ratio
+    }
+
     /// Must be called before the contacts of a step.
-    pub(crate) fn begin(&mut self, dt: f64) {
+    pub fn begin(&mut self, dt: f64) {
         if dt > 0.0 && !self.begun {
             // The first step replaces the energies of the instant before it.
             self.supplied = 0.0;
@@ -113,14 +122,14 @@ impl BudgetedLaw {
     }
 
     /// Must be called after the contacts of a step.
-    pub(crate) fn end(&mut self, dt: f64) {
+    pub fn end(&mut self, dt: f64) {
         self.begun |= dt > 0.0;
     }
 
     /// Computes the response of a closed contact within its budget.
     ///
     /// `ends` is called only in steps (`dt > 0`). The first body feels no torque unless `turns`.
-    pub(crate) fn respond(
+    pub fn respond(
         &mut self,
         pair: &Pair,
         turns: bool,

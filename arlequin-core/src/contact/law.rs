@@ -1,15 +1,17 @@
-//! The force between two touching spheres.
+//! The force at a contact of two bodies.
 //!
 //! ```text
-//! k = E 2 r_i r_j/(r_i + r_j)      f_n = max(0, k gap - c v_n)      c = 2 zeta sqrt(k m)
+//! k = E 2 r_i r_j/(r_i + r_j) for spheres, E A/h for a point of a surface (see [`super::SurfaceObstacle`])
+//! f_n = max(0, k gap - c v_n)      c = 2 zeta sqrt(k m)
 //! e = exp(-zeta/s (pi - atan2(2 zeta s, 1 - 2 zeta^2))), s = sqrt(1 - zeta^2)    m the reduced mass
 //! (the restitution of a spring and dashpot that never pull, Schwager and Poeschel 2007)
 //! f_t = -k_t xi, xi the sliding since touch in the tangent plane, |f_t| <= friction f_n
 //! m_r = -k_t r^2 psi, psi the rolling since touch, |m_r| <= rolling r f_n, r the reduced radius
 //! ```
 
-use crate::bond::Twist;
-use crate::error::{Error, Result, positive};
+use super::{Twist, positive};
+use crate::Result;
+use crate::error::invalid;
 use nalgebra::Vector3;
 
 /// Slightly above the restitution of a critically damped contact, exp(-2) = 0.135.
@@ -49,26 +51,39 @@ impl ContactLaw {
     /// Checks all parameters. Effects that use the law call this themselves.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for the first parameter out of its range.
+    /// [`crate::Error::InvalidParameter`] for the first parameter out of its range.
     pub fn check(&self) -> Result<()> {
         positive("contact modulus", self.modulus)?;
         positive("shear ratio of contact", self.shear_ratio)?;
         positive("skin of the neighbour list", self.skin)?;
-        let bad = |name, value, range| Err(Error::out_of_range(name, value, range));
+        let bad = |name, value: f64, rule| Err(invalid(name, value, rule));
         if !(self.restitution >= LEAST_RESTITUTION && self.restitution <= 1.0) {
-            return bad("coefficient of restitution", self.restitution, "[0.15, 1]");
+            return bad(
+                "coefficient of restitution",
+                self.restitution,
+                "must lie in [0.15, 1]",
+            );
         }
         if !(self.friction >= 0.0 && self.friction.is_finite()) {
-            return bad("friction coefficient", self.friction, "finite values >= 0");
+            return bad(
+                "friction coefficient",
+                self.friction,
+                "must be finite and not negative",
+            );
         }
         if !(self.rolling >= 0.0 && self.rolling.is_finite()) {
-            return bad("rolling resistance", self.rolling, "finite values >= 0");
+            return bad(
+                "rolling resistance",
+                self.rolling,
+                "must be finite and not negative",
+            );
         }
         Ok(())
     }
 
     /// Returns the fraction of critical damping that gives the coefficient of restitution.
-    pub(crate) fn damping_ratio(&self) -> f64 {
+    #[must_use]
+    pub fn damping_ratio(&self) -> f64 {
         if self.restitution >= 1.0 {
             return 0.0;
         }
@@ -90,8 +105,9 @@ impl ContactLaw {
         low
     }
 
-    /// Unweighted normal stiffness \[N/m\].
-    pub(crate) fn stiffness(&self, [a, b]: [f64; 2]) -> f64 {
+    /// Unweighted normal stiffness of two spheres with these radii \[N/m\].
+    #[must_use]
+    pub fn stiffness(&self, [a, b]: [f64; 2]) -> f64 {
         2.0 * self.modulus * a * b / (a + b)
     }
 
@@ -99,7 +115,8 @@ impl ContactLaw {
     ///
     /// The `omega^2` of a pair, `k (1/m_i + 1/m_j)`, is at most twice the larger `k/m` of its ends. Sliding
     /// also rotates the sphere: `1/m + r^2/I = 3.5/m`.
-    pub(crate) fn demand(&self, top: f64) -> [f64; 2] {
+    #[must_use]
+    pub fn demand(&self, top: f64) -> [f64; 2] {
         let slide = if self.friction > 0.0 {
             3.5 * self.shear_ratio
         } else {
@@ -116,14 +133,14 @@ impl ContactLaw {
         [square, 2.0 * 2.0 * self.damping_ratio() * top.sqrt()]
     }
 
-    /// Computes the force on the second sphere, the torques on both and the energy of the springs, for the
+    /// Computes the force on the second body, the torques on both and the energy of the springs, for the
     /// damping ratio `zeta`.
     ///
     /// Advances the springs by a step `dt` \[s\]. The result is not yet limited by the energy budget (see
-    /// `budget.rs`).
-    pub(crate) fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
+    /// [`super::BudgetedLaw`]).
+    pub fn respond(&self, p: &Pair, zeta: f64, dt: f64, spring: &mut Spring) -> Response {
         let n = p.normal;
-        let k = p.share * self.stiffness(p.radii);
+        let k = p.share * p.stiffness;
         let kt = k * self.shear_ratio;
         let damping = 2.0 * zeta * (k / p.inverse_mass).sqrt();
         let [i, j] = &p.motion;
@@ -150,7 +167,7 @@ impl ContactLaw {
             out.stored += 0.5 * kt * spring.slide.norm_squared();
         }
         if self.rolling > 0.0 {
-            let radius = p.radii[0] * p.radii[1] / (p.radii[0] + p.radii[1]);
+            let radius = p.reduced_radius;
             let kr = kt * radius * radius;
             let turned = spring.roll + (j.angular - i.angular) * dt;
             // The springs never hold more than friction allows: the excess slides or rolls.
@@ -169,43 +186,51 @@ fn capped(x: Vector3<f64>, limit: f64) -> Vector3<f64> {
     if size > limit { x * (limit / size) } else { x }
 }
 
-/// Two touching spheres.
+/// Two touching bodies: spheres, or an obstacle and a point of a surface.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pair {
+pub struct Pair {
     /// Unit vector from the first to the second.
-    pub(crate) normal: Vector3<f64>,
+    pub normal: Vector3<f64>,
     /// Overlap beyond the overlap at rest \[m\].
-    pub(crate) gap: f64,
-    pub(crate) radii: [f64; 2],
+    pub gap: f64,
+    /// Normal stiffness without weights \[N/m\].
+    pub stiffness: f64,
+    /// Reduced radius `r_i r_j/(r_i + r_j)` for rolling resistance \[m\].
+    pub reduced_radius: f64,
     /// Distances of the centres from the point of contact \[m\]; their sum is the distance of the centres.
-    pub(crate) arms: [f64; 2],
+    pub arms: [f64; 2],
     /// Factor on the stiffness from the weights.
-    pub(crate) share: f64,
+    pub share: f64,
     /// Sum of the inverse weighted masses \[1/kg\].
-    pub(crate) inverse_mass: f64,
+    pub inverse_mass: f64,
     /// Velocities and spins.
-    pub(crate) motion: [Twist; 2],
+    pub motion: [Twist; 2],
 }
 
 /// State of one contact that lasts from step to step.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Spring {
-    pub(crate) closed: bool,
-    pub(crate) slide: Vector3<f64>,
-    pub(crate) roll: Vector3<f64>,
+pub struct Spring {
+    /// True while the contact is closed.
+    pub closed: bool,
+    /// Sliding since touch in the tangent plane \[m\].
+    pub slide: Vector3<f64>,
+    /// Rolling since touch \[rad\].
+    pub roll: Vector3<f64>,
     /// Energy \[J\] that the contact took in since touch and has not given back.
-    pub(crate) budget: f64,
+    pub budget: f64,
 }
 
 impl Spring {
     /// Returns `slide`, `roll` and the budget as numbers. The flag `closed` is saved separately.
-    pub(crate) fn numbers(&self) -> [f64; 7] {
+    #[must_use]
+    pub fn numbers(&self) -> [f64; 7] {
         let (s, r) = (self.slide, self.roll);
         [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
     }
 
     /// Inverse of [`Self::numbers`].
-    pub(crate) fn from_numbers(closed: bool, x: [f64; 7]) -> Self {
+    #[must_use]
+    pub fn from_numbers(closed: bool, x: [f64; 7]) -> Self {
         Self {
             closed,
             slide: Vector3::new(x[0], x[1], x[2]),
@@ -217,10 +242,13 @@ impl Spring {
 
 /// Forces and energy of one contact at an instant.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Response {
-    pub(crate) force: Vector3<f64>,
-    pub(crate) torque: [Vector3<f64>; 2],
+pub struct Response {
+    /// Force on the second body \[N\]; the first feels the opposite force.
+    pub force: Vector3<f64>,
+    /// Torques on both bodies \[N m\].
+    pub torque: [Vector3<f64>; 2],
     /// Weighted normal stiffness \[N/m\].
-    pub(crate) stiffness: f64,
-    pub(crate) stored: f64,
+    pub stiffness: f64,
+    /// Energy of the springs \[J\].
+    pub stored: f64,
 }

@@ -1,0 +1,506 @@
+//! The surface of a continuum against a rigid body.
+//!
+//! Contact acts at points of the surface ([`super::points`]) by the law, with friction and the energy budgets
+//! of particles. A point that overlaps the body at rest pushes only when it comes closer. Weights of the
+//! model multiply the stiffness, as for particles, so that two models that share a body in an overlap share
+//! its contact force as well.
+//!
+//! Forces are added point after point in an order that is reversed in every step, so results do not depend
+//! on the number of threads. A step allocates nothing except where the list of near points grows.
+
+use super::points::{self, SurfacePoint};
+use super::{BudgetedLaw, ContactLaw, End, Pair, RigidBody, SharedBody, Spring, Twist};
+use crate::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
+use crate::error::invalid;
+use crate::model::Model;
+use crate::record::Record;
+use crate::weight::Uniform;
+use crate::{Error, Result};
+use nalgebra::{Point3, Vector3};
+
+/// Reach of the list of near points, in mean sizes of the facets.
+const SKIN: f64 = 0.5;
+/// Part of a facet's size by which its points may overlap the body at the start.
+const DEEPEST: f64 = 0.5;
+/// Numbers of a closed contact in a record.
+const WIDTH: usize = 8;
+
+/// A closed contact and its response in the last step.
+#[derive(Debug, Clone, Copy)]
+struct Active {
+    point: u32,
+    /// Force on the surface \[N\].
+    force: Vector3<f64>,
+    /// Torque on the body if it rotates \[N m\].
+    back: Vector3<f64>,
+    stored: f64,
+    /// Power on the velocities after the step, from the forces that were known \[W\].
+    expected: f64,
+}
+
+/// Specification of a rigid body that the surface of a continuum touches, an effect on its subdomain.
+#[derive(Debug)]
+pub struct SurfaceObstacle(Contacts);
+
+/// A surface in contact with a rigid body during a run.
+#[derive(Debug)]
+struct Contacts {
+    /// Name of the body, and of the pair in errors.
+    name: String,
+    object: String,
+    body: SharedBody,
+    /// Number of the model among those that touch the body.
+    share: usize,
+    law: BudgetedLaw,
+    points: Vec<SurfacePoint>,
+    /// Gap at rest of each point that overlaps the body (negative), else zero \[m\].
+    allowed: Vec<f64>,
+    springs: Vec<Spring>,
+    /// Weighted over unweighted mass, and inverse of the weighted mass \[1/kg\], of each point.
+    weight: Vec<f64>,
+    inverse_mass: Vec<f64>,
+    /// Inverse inertia of every unknown, and the forces of the effect so far in this step.
+    inverse_inertia: Vec<f64>,
+    own_forces: Vec<f64>,
+    active: Vec<Active>,
+    near: Near,
+    demand: StepDemand<f64>,
+    checked: bool,
+    backwards: bool,
+}
+
+/// Points within reach of the body. The list holds until nodes and body together have moved by the skin.
+#[derive(Debug)]
+struct Near {
+    skin: f64,
+    points: Vec<u32>,
+    /// Nodes of the surface, and their displacements when the list was built.
+    nodes: Vec<u32>,
+    built: Vec<Vector3<f64>>,
+    moved: Vector3<f64>,
+    is_built: bool,
+}
+
+impl SurfaceObstacle {
+    /// Contact of the surface of a model with a rigid body.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a model without a surface; [`Error::InvalidParameter`] for parameters of
+    /// the law, for facets that are too large for the body, and for a surface that starts inside the body.
+    pub fn new(model: &dyn Model<f64>, body: &SharedBody, law: ContactLaw) -> Result<Self> {
+        law.check()?;
+        let rigid = body.lock();
+        let name = rigid.name().to_owned();
+        let object = format!("model '{}' at obstacle '{name}'", model.name());
+        let Some(surface) = model.views().surface else {
+            return Err(Error::Unsupported {
+                model: model.name().to_owned(),
+                what: format!("touch obstacle '{name}', as it has no surface; name a solid or particles"),
+            });
+        };
+        let triangles = surface.triangles();
+        let points = points::points(&object, &triangles, model.nodes(), 0.5 * rigid.shape().depth())?;
+        let at_rest = |p: &SurfacePoint| rigid.shape().distance(&p.rest, &Vector3::zeros()).0.min(0.0);
+        let mut nodes: Vec<u32> = triangles.into_iter().flatten().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let mean = points.iter().map(|p| p.size).sum::<f64>() / points.len().max(1) as f64;
+        let out = Self(Contacts {
+            allowed: points.iter().map(at_rest).collect(),
+            springs: vec![Spring::default(); points.len()],
+            near: Near {
+                skin: SKIN * mean,
+                points: Vec::new(),
+                built: vec![Vector3::zeros(); nodes.len()],
+                nodes,
+                moved: Vector3::zeros(),
+                is_built: false,
+            },
+            weight: Vec::new(),
+            inverse_mass: Vec::new(),
+            inverse_inertia: Vec::new(),
+            own_forces: Vec::new(),
+            active: Vec::new(),
+            demand: StepDemand::none(),
+            checked: false,
+            backwards: false,
+            law: BudgetedLaw::new(law),
+            share: 0,
+            body: body.clone(),
+            points,
+            object,
+            name,
+        });
+        out.0
+            .check_start(&rigid, &rigid.first_displacement(), |p| p.rest)?;
+        drop(rigid);
+        Ok(out)
+    }
+}
+
+impl Contacts {
+    /// Returns an error if points lie deep inside the body: it would hold them there or throw them out.
+    fn check_start(
+        &self,
+        rigid: &RigidBody,
+        moved: &Vector3<f64>,
+        place: impl Fn(&SurfacePoint) -> Point3<f64>,
+    ) -> Result<()> {
+        let (mut count, mut deepest) = (0, (0.0, Point3::origin(), 0.0));
+        for p in &self.points {
+            let x = place(p);
+            let depth = -rigid.shape().distance(&x, moved).0;
+            let limit = (DEEPEST * p.size).min(rigid.shape().depth());
+            if depth > limit {
+                count += 1;
+                if depth > deepest.0 {
+                    deepest = (depth, x, limit);
+                }
+            }
+        }
+        let (depth, x, limit) = deepest;
+        if count == 0 {
+            return Ok(());
+        }
+        let value = format!(
+            "{count} points start inside, the deepest {depth:.3e} m behind the surface of the obstacle at ({:.3e}, {:.3e}, {:.3e}) m",
+            x.x, x.y, x.z
+        );
+        let rule = format!(
+            "must be at most {limit:.3e} m deep, half a facet: move one of the two, or turn the normal of a plane towards the model"
+        );
+        Err(invalid(&self.object, value, &rule))
+    }
+
+    /// Corrects the budgets for forces in the last step that were unknown when contacts were computed.
+    fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
+        let [velocity, spin] = rigid.velocity();
+        for a in &self.active {
+            let p = a.point as usize;
+            let speed = self.points[p].value(instant.v_half) - velocity;
+            let power = a.force.dot(&speed) + a.back.dot(&spin);
+            self.springs[p].budget -= 0.5 * instant.dt * (power - a.expected);
+        }
+    }
+
+    /// Rebuilds the list of near points if it no longer holds.
+    fn refresh(&mut self, rigid: &RigidBody, q: &[f64]) {
+        let near = &mut self.near;
+        let moved = rigid.moved();
+        let displaced = |n: u32| {
+            let o = 3 * n as usize;
+            Vector3::new(q[o], q[o + 1], q[o + 2])
+        };
+        // A margin of a thousandth for round-off.
+        let slack = 0.999 * near.skin - (moved - near.moved).norm();
+        let stays = |(n, then): (&u32, &Vector3<f64>)| (displaced(*n) - then).norm_squared() <= slack * slack;
+        if near.is_built && slack >= 0.0 && near.nodes.iter().zip(&near.built).all(stays) {
+            return;
+        }
+        for (n, then) in near.nodes.iter().zip(&mut near.built) {
+            *then = displaced(*n);
+        }
+        (near.moved, near.is_built) = (moved, true);
+        near.points.clear();
+        for (k, p) in self.points.iter().enumerate() {
+            if rigid.shape().distance(&(p.rest + p.value(q)), &moved).0 < near.skin {
+                near.points.push(k as u32);
+            } else if self.springs[k].closed {
+                // A point off the list cannot touch: its contact starts anew when it returns.
+                self.springs[k] = Spring::default();
+            }
+        }
+    }
+
+    /// Computes all contacts and adds their forces to `f`.
+    fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) {
+        self.active.clear();
+        self.law.begin(instant.dt);
+        let count = self.near.points.len();
+        // Sequential: a contact works on the velocity that the contacts before it have left.
+        for n in 0..count {
+            let n = if self.backwards { count - 1 - n } else { n };
+            let k = self.near.points[n] as usize;
+            let x = self.points[k].rest + self.points[k].value(instant.q);
+            let (distance, normal) = rigid.shape().distance(&x, &rigid.moved());
+            let gap = self.allowed[k] - distance;
+            if gap > 0.0 && self.weight[k] > 0.0 {
+                self.close(k, gap, (distance, normal), rigid, instant, f);
+            } else if self.springs[k].closed {
+                self.springs[k] = Spring::default();
+            }
+        }
+        self.law.end(instant.dt);
+        self.backwards = !self.backwards;
+        if instant.dt > 0.0 {
+            let obstacle = rigid.end(instant).after;
+            for a in &mut self.active {
+                let p = &self.points[a.point as usize];
+                let after = p.end(instant, &self.inverse_inertia, f, &self.own_forces).after;
+                let speed = Vector3::from([0, 1, 2].map(|c: usize| after[c] - obstacle[c]));
+                let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
+                a.expected = a.force.dot(&speed) + a.back.dot(&spin);
+            }
+        }
+        for a in &self.active {
+            for (n, _) in self.points[a.point as usize].nodes() {
+                for o in 3 * n..3 * n + 3 {
+                    // Taken, so that a node of several contacts gets the forces once.
+                    f[o] += std::mem::take(&mut self.own_forces[o]);
+                }
+            }
+        }
+    }
+
+    fn close(
+        &mut self,
+        k: usize,
+        gap: f64,
+        (distance, normal): (f64, Vector3<f64>),
+        rigid: &mut RigidBody,
+        instant: &Instant<'_, f64>,
+        f: &[f64],
+    ) {
+        let point = &self.points[k];
+        let [linear, angular] = rigid.velocity();
+        let turns = rigid.turning();
+        let pair = Pair {
+            normal,
+            gap,
+            stiffness: self.law.law.modulus * point.stiffness,
+            reduced_radius: 0.0,
+            // The distance of the point from the centre of a ball: the torque is the moment of the force.
+            arms: [turns.map_or(0.0, |(radius, _)| radius + distance), 0.0],
+            share: self.weight[k],
+            inverse_mass: self.inverse_mass[k] + rigid.inverse_inertia()[0],
+            motion: [
+                Twist { linear, angular },
+                Twist {
+                    linear: point.value(instant.v_half),
+                    angular: Vector3::zeros(),
+                },
+            ],
+        };
+        let obstacle = if instant.dt > 0.0 {
+            rigid.end(instant)
+        } else {
+            End::default()
+        };
+        let ends = || {
+            [
+                obstacle,
+                point.end(instant, &self.inverse_inertia, f, &self.own_forces),
+            ]
+        };
+        let spring = &mut self.springs[k];
+        let r = self.law.respond(&pair, turns.is_some(), ends, instant.dt, spring);
+        self.points[k].add(&r.force, &mut self.own_forces);
+        rigid.push(self.share, &-r.force, &r.torque[0]);
+        self.active.push(Active {
+            point: k as u32,
+            force: r.force,
+            back: r.torque[0],
+            stored: r.stored,
+            expected: 0.0,
+        });
+    }
+
+    /// Computes the demand on the step from the masses without weights.
+    ///
+    /// The springs add at most `max_i Σ_p k_p w_pi/m_i` to `ω²`: a row of `M⁻¹ K`, whose weights sum to one.
+    fn demanded(&self, rigid: &RigidBody, mass: &[f64]) -> StepDemand<f64> {
+        let law = &self.law.law;
+        let zeta = self.law.damping_ratio();
+        let nodes = mass.len() / 3;
+        let (mut rows, mut rates) = (vec![0.0; nodes], vec![0.0; nodes]);
+        let (mut whole, mut hardest) = (0.0, 0.0_f64);
+        for p in &self.points {
+            let k = law.modulus * p.stiffness;
+            let inverse = p.squared(|n| 1.0 / mass[3 * n]);
+            for (n, w) in p.nodes() {
+                rows[n] += k * w / mass[3 * n];
+                rates[n] += 2.0 * zeta * (k / inverse).sqrt() * w / mass[3 * n];
+            }
+            whole += p.area;
+            hardest = hardest.max(k / p.area);
+        }
+        let moves = |n: &usize| (3 * n..3 * n + 3).any(|o| self.inverse_inertia[o] > 0.0);
+        let largest = |x: &[f64]| (0..nodes).filter(moves).fold(0.0, |m, n| x[n].max(m));
+        let (mut square, mut rate) = (largest(&rows), largest(&rates));
+        if let Some(mass) = rigid.mass() {
+            // A ball touches over less than half of its radius.
+            let part = if rigid.turning().is_some() { 0.25 } else { 1.0 };
+            let stiffness = hardest * whole.min(part * rigid.shape().section());
+            let slide = rigid.turning().map_or(0.0, |(r, inertia)| {
+                if law.friction > 0.0 {
+                    law.shear_ratio * (1.0 / mass + r * r / inertia)
+                } else {
+                    0.0
+                }
+            });
+            // Both ends move: a mode's frequency is at most the sum of those of both.
+            square = 2.0 * square.max(stiffness * slide.max(1.0 / mass));
+            rate *= 2.0;
+        }
+        if law.friction > 0.0 {
+            square *= law.shear_ratio.max(1.0);
+        }
+        StepDemand {
+            stiffness: square,
+            damping: rate,
+            ..StepDemand::none()
+        }
+    }
+}
+
+impl EffectSpec<f64> for SurfaceObstacle {
+    fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> Result<Box<dyn Effect<f64>>> {
+        let contacts = &mut self.0;
+        let layout = host.model.layout();
+        if host.model.owned().is_part() {
+            return Err(Error::Unsupported {
+                model: host.model.name().to_owned(),
+                what: format!(
+                    "touch obstacle '{}' with elements on several ranks; leave it whole",
+                    contacts.name
+                ),
+            });
+        }
+        let mut mass = vec![0.0; layout.dofs()];
+        host.model.lumped_inertia(&Uniform(1.0), &mut mass)?;
+        contacts.inverse_inertia = host.inverse_inertia.to_vec();
+        contacts.own_forces = vec![0.0; layout.dofs()];
+        let share = |n: usize| host.inertia[3 * n] / mass[3 * n];
+        let points = &contacts.points;
+        contacts.weight = points
+            .iter()
+            .map(|p| p.nodes().map(|(n, w)| w * share(n)).sum())
+            .collect();
+        contacts.inverse_mass = points
+            .iter()
+            .map(|p| p.squared(|n| 1.0 / host.inertia[3 * n]))
+            .collect();
+        let body = contacts.body.clone();
+        contacts.share = body.join();
+        contacts.demand = contacts.demanded(&body.lock(), &mass);
+        Ok(Box::new(self.0))
+    }
+}
+
+impl AnyEffect<f64> for Contacts {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn stored(&self) -> f64 {
+        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
+    }
+
+    fn supplied(&self) -> Option<f64> {
+        Some(self.law.supplied + self.body.lock().supplied(self.share))
+    }
+
+    fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        self.body.lock().save(self.share, &mut out);
+        out.integers
+            .extend([self.law.begun, self.backwards].map(u64::from));
+        out.numbers.push(self.law.supplied);
+        for s in &self.springs {
+            out.integers.push(u64::from(s.closed));
+            out.numbers.extend(s.numbers());
+        }
+        for a in &self.active {
+            out.integers.push(u64::from(a.point));
+            out.numbers.extend(a.force.iter().chain(a.back.iter()));
+            out.numbers.extend([a.stored, a.expected]);
+        }
+        out
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        let n = self.points.len();
+        let closed = from.integers.len().saturating_sub(3 + n);
+        let numbers = RigidBody::NUMBERS + 1 + 7 * n;
+        from.expect(&self.object, numbers + WIDTH * closed, 3 + n + closed)?;
+        let (flags, rest) = from.integers.split_at(3);
+        let (states, pushed) = rest.split_at(n);
+        if let Some(motion) = from.numbers.first_chunk() {
+            self.body.lock().restore(self.share, flags[0], motion);
+        }
+        [self.law.begun, self.backwards] = [flags[1] == 1, flags[2] == 1];
+        self.law.supplied = from.numbers[RigidBody::NUMBERS];
+        let springs = from.numbers[RigidBody::NUMBERS + 1..numbers].as_chunks::<7>().0;
+        self.springs = states
+            .iter()
+            .zip(springs)
+            .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
+            .collect();
+        self.active.clear();
+        for (point, x) in pushed.iter().zip(from.numbers[numbers..].as_chunks::<WIDTH>().0) {
+            if *point >= n as u64 {
+                return from.expect(&self.object, numbers, 3 + n);
+            }
+            self.active.push(Active {
+                point: *point as u32,
+                force: Vector3::new(x[0], x[1], x[2]),
+                back: Vector3::new(x[3], x[4], x[5]),
+                stored: x[6],
+                expected: x[7],
+            });
+        }
+        self.near.is_built = false;
+        Ok(())
+    }
+
+    fn rigid(&self) -> Option<RigidMotion<f64>> {
+        Some(self.body.lock().motion())
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        let mut out = self.body.lock().facts();
+        out.push(("contacts".into(), self.active.len() as f64));
+        out
+    }
+}
+
+impl Effect<f64> for Contacts {
+    fn add_forces(&mut self, instant: &Instant<'_, f64>, f: &mut [f64]) -> Result<()> {
+        let shared = self.body.clone();
+        let mut rigid = shared.lock();
+        rigid.begin(self.share, instant)?;
+        let (way, limit) = (rigid.way().norm(), rigid.shape().depth());
+        if instant.dt > 0.0 && way > limit {
+            let rule = format!(
+                "must stay below {limit:e} m, the depth of the obstacle, or it would jump through surfaces; shorten the time step or \
+                 slow it down"
+            );
+            let what = format!("step of obstacle '{}'", self.name);
+            return Err(invalid(&what, format_args!("{way:e} m"), &rule));
+        }
+        if !std::mem::replace(&mut self.checked, true) {
+            self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.value(instant.q))?;
+        }
+        self.settle_budgets(&rigid, instant);
+        self.refresh(&rigid, instant.q);
+        self.respond(&mut rigid, instant, f);
+        rigid.finish(self.share, instant);
+        Ok(())
+    }
+
+    fn power(&self, v: &[f64]) -> f64 {
+        let power = |a: &Active| a.force.dot(&self.points[a.point as usize].value(v));
+        self.active.iter().map(power).sum()
+    }
+
+    fn add_contact(&self, f: &mut [f64]) -> bool {
+        for a in &self.active {
+            self.points[a.point as usize].add(&a.force, f);
+        }
+        true
+    }
+
+    fn step_demand(&self) -> StepDemand<f64> {
+        self.demand
+    }
+}
