@@ -360,9 +360,9 @@ pub trait StepBound<T: Real> {
     /// Lower bound of [`Model::critical_step`] \[s\] for weights as they are. Collective.
     fn step_bound(&self, inverse_inertia: &[T]) -> T;
 
-    /// Lower bound of [`Model::critical_step`] \[s\] for any weights that are the same for internal and kinetic
-    /// energy; `None` by default. A run in which nodes sleep takes it for the critical step, because its
-    /// weights will change.
+    /// Lower bound of [`Model::critical_step`] \[s\] for any weights that are the same for internal and
+    /// kinetic energy; `None` by default. A run in which nodes sleep takes it for the critical step,
+    /// because its weights will change.
     fn step_bound_for_any_weights(&self) -> Option<T> {
         None
     }

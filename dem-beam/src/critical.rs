@@ -83,8 +83,8 @@ pub(crate) fn bound(body: &BondedParticles, owned: usize, inverse_inertia: &[f64
     2.0 * (1.0 + ROUNDED) * top.reduce(|| 0.0, f64::max)
 }
 
-/// Returns an upper bound of the largest eigenvalue of `M⁻¹K` \[1/s²\] for any weights `w_b` of the bonds: the
-/// largest eigenvalue of one bond between the shares of the particles' masses that it brings,
+/// Returns an upper bound of the largest eigenvalue of `M⁻¹K` \[1/s²\] for any weights `w_b` of the bonds:
+/// the largest eigenvalue of one bond between the shares of the particles' masses that it brings,
 ///
 /// ```text
 /// K = Σ w_b K_b,   M = Σ w_b M_b,   M_b = m/n and I/n of both particles, each with n bonds

@@ -70,8 +70,8 @@ enum Command {
         #[arg(long, value_name = "N", default_value_t = 3)]
         repeat: usize,
     },
-    /// Couple the models of a scene by this method and by those of the literature; print how each of them reflects,
-    /// errs, drifts and costs.
+    /// Couple the models of a scene by this method and by those of the literature; print how each of them
+    /// reflects, errs, drifts and costs.
     ///
     /// Supports, loads and effects of the scene take no part. The scene has one interface between two models.
     Compare {

@@ -200,8 +200,8 @@ impl<T: Real> Subdomain<T> {
         Ok((self.with_demands(free, between), false))
     }
 
-    /// Returns a bound of the critical step \[s\] of the model alone that later changes of the weights keep, if
-    /// nodes may sleep and the model has one.
+    /// Returns a bound of the critical step \[s\] of the model alone that later changes of the weights
+    /// keep, if nodes may sleep and the model has one.
     fn step_bound_for_any_weights(&self) -> Option<T> {
         // The bound compares stiffness and mass of each bond, so both need the same weight.
         if !self.sleeps || self.is_partitioned || !self.weights.are_one() {

@@ -13,10 +13,11 @@
 //! fixed order, so results do not depend on the number of threads. A step allocates only where the lists
 //! grow.
 //!
-//! A contact never gives back more energy than it took in, whatever the step ([`arlequin_core::contact::BudgetedLaw`]). Contacts are
-//! taken one after the other, in an order that is reversed in every step. The step must also resolve contacts
-//! that do not exist yet: an allowance of [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts
-//! per particle, beside its bonds, enters the critical step.
+//! A contact never gives back more energy than it took in, whatever the step
+//! ([`arlequin_core::contact::BudgetedLaw`]). Contacts are taken one after the other, in an order that is
+//! reversed in every step. The step must also resolve contacts that do not exist yet: an allowance of
+//! [`STIFF_CONTACTS`] stiff and [`DAMPED_CONTACTS`] damped contacts per particle, beside its bonds, enters
+//! the critical step.
 
 mod between;
 mod body;

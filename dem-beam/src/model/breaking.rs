@@ -70,8 +70,8 @@ impl DemModel {
         (self.fracture, self.watched) = (fracture, watched);
     }
 
-    /// Lets bonds without weight sleep: the kernel leaves them out, and they do not break. Returns whether the
-    /// strengths are those of bonds; particles have the stress of all their bonds.
+    /// Lets bonds without weight sleep: the kernel leaves them out, and they do not break. Returns whether
+    /// the strengths are those of bonds; particles have the stress of all their bonds.
     pub(super) fn let_bonds_sleep(&mut self) -> bool {
         if self
             .fracture

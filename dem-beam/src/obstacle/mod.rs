@@ -101,8 +101,8 @@ impl Obstacle {
     /// Makes an obstacle for the particles of a model from a rigid body that other models may touch as well.
     ///
     /// # Errors
-    /// [`arlequin_core::Error::InvalidParameter`] for parameters of the law; [`crate::Error::StartsInside`] if
-    /// centres of particles lie inside the shape.
+    /// [`arlequin_core::Error::InvalidParameter`] for parameters of the law; [`crate::Error::StartsInside`]
+    /// if centres of particles lie inside the shape.
     pub fn of_body(model: &DemModel, body: &SharedBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let grains = Grains::new(ContactBody::from_model(model));

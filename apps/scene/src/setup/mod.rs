@@ -199,7 +199,12 @@ pub(crate) fn parts(
     check_names(scene)?;
     precheck::models(scene, folder)?;
     let checked = precheck::scene(scene, folder)?;
-    let bodies = bodies_of(scene, (&checked.effects, &obstacle::rigid_bodies(scene)?), folder, &mut clock)?;
+    let bodies = bodies_of(
+        scene,
+        (&checked.effects, &obstacle::rigid_bodies(scene)?),
+        folder,
+        &mut clock,
+    )?;
     let interfaces = interfaces_of(scene, folder, &bodies)?;
     Ok((bodies, interfaces))
 }

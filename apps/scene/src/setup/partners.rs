@@ -1,4 +1,5 @@
-//! Building of an interface from an overlap and data of its two models, at set-up and again when a zone moves.
+//! Building of an interface from an overlap and data of its two models, at set-up and again when a zone
+//! moves.
 
 use super::body::{Body, fastest};
 use super::interface::{BuiltInterface, Sides, junction, options, weights};

@@ -66,8 +66,8 @@ pub struct ZoneTable {
     /// Damping of waves that the body's model cannot carry; give it without `spacing`.
     #[schemars(extend("not" = { "required": ["spacing"] }))]
     pub absorber: Option<Absorber>,
-    /// Lets the zone go where it is needed: `true`, or a table with its limits. It needs `kind = "dem"` and no
-    /// other zone. Spheres fill the whole body, `shape` is where they begin.
+    /// Lets the zone go where it is needed: `true`, or a table with its limits. It needs `kind = "dem"` and
+    /// no other zone. Spheres fill the whole body, `shape` is where they begin.
     #[serde(default)]
     pub follow: Follow,
 }

@@ -10,12 +10,12 @@ use std::borrow::Cow;
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct FollowTable {
-    /// Load of a bond over its strength \[–\], in the displacements of the body, at which the element around it
-    /// joins the zone.
+    /// Load of a bond over its strength \[–\], in the displacements of the body, at which the element
+    /// around it joins the zone.
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0))]
     pub wake: f64,
-    /// Number of the body's elements that stay between the overlap and any bond that breaks or is loaded above
-    /// 0.8 of its strength.
+    /// Number of the body's elements that stay between the overlap and any bond that breaks or is loaded
+    /// above 0.8 of its strength.
     #[schemars(range(min = 1))]
     pub margin: usize,
     /// Steps of the run between two looks. Default: the time in which a wave crosses an element of the body.

@@ -73,8 +73,8 @@ fn a_lumped_operator_on_a_fine_mediator_takes_short_waves() {
     assert!(once.pulse_error > lumped.pulse_error, "{once:?} {lumped:?}");
 }
 
-/// The review calls it useless for dynamics. On a line the layer reflects no more than an overlap; it pays with one
-/// step for both models.
+/// The review calls it useless for dynamics. On a line the layer reflects no more than an overlap; it pays
+/// with one step for both models.
 #[test]
 fn one_layer_reflects_no_more_but_takes_one_step_for_both() {
     let [own, edge, weak] = rows(board(

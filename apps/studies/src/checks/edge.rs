@@ -18,8 +18,8 @@ const SILICA: [f64; 3] = [72.5e9, 0.17, 8.0];
 const DIAMETER: f64 = 1e-3;
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Strength of a bar \[Pa\], and the energy that its bonds released per area of the ligament \[J/m²\], two spheres
-/// at its two ends left out: a layer of spheres at a face has fewer bonds.
+/// Strength of a bar \[Pa\], and the energy that its bonds released per area of the ligament \[J/m²\], two
+/// spheres at its two ends left out: a layer of spheres at a face has fewer bonds.
 ///
 /// # Errors
 /// A crack that the scene cannot take.

@@ -277,7 +277,8 @@ pub fn checks(name: &str) -> Result<Vec<Check>> {
 
 /// Runs cases and returns one report for each.
 ///
-/// A check that does not hold is a row of the report, and so is a case that ends with an error: the others took minutes.
+/// A check that does not hold is a row of the report, and so is a case that ends with an error: the others
+/// took minutes.
 ///
 /// # Errors
 /// Failed runs that several cases share.

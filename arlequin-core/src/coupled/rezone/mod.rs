@@ -31,9 +31,9 @@ use nalgebra::{Matrix3, Vector3};
 use std::sync::Arc;
 use transfer::Giver;
 
-/// Displacement \[m\] and rotation \[rad\] of a fine node beside those of the coarse field, in each of the unit
-/// strains `xx yy zz yz zx xy` (shears as `γ = 2ε`). A body that is not homogeneous carries no field of uniform
-/// strain in equilibrium: a random packing shares a load unevenly.
+/// Displacement \[m\] and rotation \[rad\] of a fine node beside those of the coarse field, in each of the
+/// unit strains `xx yy zz yz zx xy` (shears as `γ = 2ε`). A body that is not homogeneous carries no field
+/// of uniform strain in equilibrium: a random packing shares a load unevenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response<T: Real>(pub [[Vector3<T>; 2]; 6]);
 

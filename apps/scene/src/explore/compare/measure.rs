@@ -121,8 +121,8 @@ impl Wave {
         [c.powi(4) * phase.cos(), -self.velocity * slope]
     }
 
-    /// Displacements and velocities of all unknowns: along the axis those of the wave, across it the contraction
-    /// `−ν u'` that leaves the sides free of stress.
+    /// Displacements and velocities of all unknowns: along the axis those of the wave, across it the
+    /// contraction `−ν u'` that leaves the sides free of stress.
     fn state(&self, places: &Places) -> [Vec<f64>; 2] {
         let delta = 1e-3 * self.half;
         let unknown = |i: usize| {
@@ -312,8 +312,8 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
     }
 }
 
-/// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the method
-/// has no equilibrium.
+/// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the
+/// method has no equilibrium.
 pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
     let system = method.whole();
     let places = &system.places;
@@ -335,8 +335,8 @@ pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>>
     Ok(Some(deviation(system, &q, waves)))
 }
 
-/// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the moduli
-/// of the models differ, so do the lines, and what lies between them is no deviation.
+/// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the
+/// moduli of the models differ, so do the lines, and what lies between them is no deviation.
 fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
     let places = &system.places;
     let layers = || {

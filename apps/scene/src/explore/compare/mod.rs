@@ -1,7 +1,7 @@
 //! The scoreboard: methods of the literature beside this one, on the models of one scene.
 //!
-//! Every method couples the same weighted stiffness and masses. Supports, loads and effects of the scene take no
-//! part: the board measures the interface. Waves run along the axis of the overlap.
+//! Every method couples the same weighted stiffness and masses. Supports, loads and effects of the scene
+//! take no part: the board measures the interface. Waves run along the axis of the overlap.
 
 mod case;
 mod measure;
@@ -23,8 +23,8 @@ use std::time::Instant;
 /// Options of a comparison.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Methods, in the order of the rows; the default comes first in any case. Empty: that of the interface, or all
-    /// if it is the default.
+    /// Methods, in the order of the rows; the default comes first in any case. Empty: that of the
+    /// interface, or all if it is the default.
     pub methods: Vec<Method>,
     /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
     pub penalty: f64,
@@ -46,8 +46,8 @@ pub struct Board {
     pub scene: String,
     /// Half width of the pulse, in coarse spacings \[–\].
     pub pulse: f64,
-    /// Wavelength of the packet above the coarse cutoff, in coarse spacings \[–\]; none if the coarse model carries
-    /// what the fine one can.
+    /// Wavelength of the packet above the coarse cutoff, in coarse spacings \[–\]; none if the coarse model
+    /// carries what the fine one can.
     pub packet: Option<f64>,
     /// Rows, the default first, the fine model everywhere last.
     pub rows: Vec<Row>,
@@ -93,7 +93,8 @@ type Built = (f64, Box<dyn Coupling>);
 /// Couples the models of a scene by each method and measures them.
 ///
 /// # Errors
-/// Scenes in which a comparison has no meaning: other than one interface, a shell, models that are not linear.
+/// Scenes in which a comparison has no meaning: other than one interface, a shell, models that are not
+/// linear.
 pub fn compare(
     scene: &Scene,
     options: &Options,
@@ -202,7 +203,8 @@ mod tests {
     use crate::setup;
     use crate::spec::Method;
 
-    /// The board's default is the program's own scheme: the same steps to round-off, of a run with four own steps.
+    /// The board's default is the program's own scheme: the same steps to round-off, of a run with four own
+    /// steps.
     #[test]
     fn the_default_makes_the_steps_of_a_run() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/compare/bar-1d.toml");

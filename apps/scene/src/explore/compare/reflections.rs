@@ -32,7 +32,8 @@ impl Pace {
         })
     }
 
-    /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical step.
+    /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical
+    /// step.
     pub(super) fn own(system: &System) -> Result<Self> {
         Self::of_at_most(MOST_OWN, system)
     }

@@ -50,8 +50,8 @@ pub(super) fn block_diagonal(a: &CsMat<f64>, b: &CsMat<f64>) -> CsMat<f64> {
     out.to_csr()
 }
 
-/// Puts two matrices with equally many rows side by side, the second one negated and from column `split` on, in
-/// `size` columns in all.
+/// Puts two matrices with equally many rows side by side, the second one negated and from column `split`
+/// on, in `size` columns in all.
 pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>, split: usize, size: usize) -> CsMat<f64> {
     let mut out = TriMat::with_capacity((a.rows(), size), a.nnz() + b.nnz());
     a.iter().for_each(|(v, (i, j))| out.add_triplet(i, j, *v));

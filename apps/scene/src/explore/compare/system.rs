@@ -87,8 +87,8 @@ impl System {
         parts.fold([0.0; 2], |[p, s], x| [p + x, s + x.abs()])
     }
 
-    /// Finds the equilibrium `K q + Gᵀ λ = 0`, `G q = 0` with the held unknowns of `q`, by conjugate gradients
-    /// in the space of the constraint.
+    /// Finds the equilibrium `K q + Gᵀ λ = 0`, `G q = 0` with the held unknowns of `q`, by conjugate
+    /// gradients in the space of the constraint.
     pub(super) fn equilibrium(
         &self,
         mut q: Vec<f64>,

@@ -1,9 +1,9 @@
 //! Supports near a zone that moves.
 //!
-//! A support of the body also holds the spheres that touch its face, at the displacement of the face. They lie
-//! up to a radius inside the body, where the body's own field is already another one. Tied to this field, the
-//! rows of spheres beside them would be bent. A zone that moves therefore stays off supports: at least one
-//! element of the body remains between its overlap and any node that is held.
+//! A support of the body also holds the spheres that touch its face, at the displacement of the face. They
+//! lie up to a radius inside the body, where the body's own field is already another one. Tied to this
+//! field, the rows of spheres beside them would be bent. A zone that moves therefore stays off supports: at
+//! least one element of the body remains between its overlap and any node that is held.
 
 use super::Piece;
 use crate::error::{Result, key};

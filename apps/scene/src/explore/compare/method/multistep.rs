@@ -11,15 +11,15 @@ use crate::explore::compare::tie::{Tie, pseudo_inverse};
 use arlequin::core::sprs::{CsMat, TriMat};
 use std::ops::Range;
 
-/// Most own steps within a step of the run, one more than the default has; the published figures are for five and
-/// ten.
+/// Most own steps within a step of the run, one more than the default has; the published figures are for
+/// five and ten.
 const OWN: usize = 5;
 
 /// The two schemes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Scheme {
-    /// Velocities are equal at every own step of the fine model; between steps of the run the coarse velocity is
-    /// linear in time. Loses energy.
+    /// Velocities are equal at every own step of the fine model; between steps of the run the coarse
+    /// velocity is linear in time. Loses energy.
     GravouilCombescure,
     /// Velocities are equal at steps of the run; multipliers are linear in time between them.
     PrakashHjelmstad,
@@ -149,8 +149,8 @@ impl Multistep {
         }
     }
 
-    /// Own steps of the fine model under multipliers that end as `end` and begin as `begin`, or as zero; both as
-    /// accelerations `W Gᵀ λ`.
+    /// Own steps of the fine model under multipliers that end as `end` and begin as `begin`, or as zero;
+    /// both as accelerations `W Gᵀ λ`.
     fn ramp(&self, m: &mut Motion, end: &[f64], begin: Option<&[f64]>) {
         let (dt, own) = (self.own_step(), self.pace.own);
         for j in 1..=own {

@@ -7,8 +7,8 @@ use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::sparse::congruence;
 use crate::explore::compare::system::System;
 
-/// `½ κ_i |N(x_i) u − d_i|²` with `κ_i` a multiple of the particle's own stiffness and of the smaller weight, so
-/// that the springs vanish with the model that they act on.
+/// `½ κ_i |N(x_i) u − d_i|²` with `κ_i` a multiple of the particle's own stiffness and of the smaller
+/// weight, so that the springs vanish with the model that they act on.
 pub(super) fn penalty(case: &mut Case, factor: f64) -> Result<Reflections> {
     if !(factor > 0.0 && factor.is_finite()) {
         return Err(value(

@@ -26,8 +26,8 @@ pub(super) fn fine(case: &mut Case) -> Result<Reflections> {
     Ok(Reflections::new(system, None, pace))
 }
 
-/// Lets the particles up to the middle of the overlap follow the coarse mesh. All bonds are summed, or those of
-/// clusters of a given half width around the layers of nodes.
+/// Lets the particles up to the middle of the overlap follow the coarse mesh. All bonds are summed, or
+/// those of clusters of a given half width around the layers of nodes.
 pub(super) fn quasicontinuum(case: &mut Case, cluster: Option<f64>) -> Result<Reflections> {
     let middle = 0.5 * case.width;
     let particles = match cluster {

@@ -95,8 +95,8 @@ impl Schwarz {
         [0..split, split..self.system.size()]
     }
 
-    /// Copies what the other model says to the led unknowns of one: `data` are motions at begin and end of the
-    /// step, `s` the share of the step that has passed.
+    /// Copies what the other model says to the led unknowns of one: `data` are motions at begin and end of
+    /// the step, `s` the share of the step that has passed.
     fn follow(&self, m: &mut Motion, range: Range<usize>, [begin, end]: [&Motion; 2], s: f64) {
         let at = |x: &[f64], y: &[f64], i: usize| {
             let row = self.lead.outer_view(i);
