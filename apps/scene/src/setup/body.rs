@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::setup::BodyShape;
 use crate::setup::packing::PackingLine;
 use crate::setup::skin::Skin;
+use arlequin::core::contact::SharedBody;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::{Interpolation, Materials, Model, Participant};
 use arlequin::dem_beam::ContactBody;
@@ -12,6 +13,9 @@ use arlequin::dem_beam::fracture::SharedLog;
 use arlequin::fem_ref::Elastic;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// Rigid bodies that one model touches, by the number of the effect.
+pub(crate) type RigidBodies = BTreeMap<usize, SharedBody>;
 
 /// A model with the data that supports, loads and output need.
 pub struct Body {

@@ -1,10 +1,11 @@
 //! Supports, loads, effects and initial states.
 
+use super::body::RigidBodies;
 use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
 use super::kinds::kind;
 use super::names::{SOLID, effect_models, headline, model_index, model_indices, parts, with_parts};
-use super::obstacle::{self, RigidBodies};
+use super::obstacle;
 use super::time::time_function;
 use super::{fracture, grains, load, shared, support};
 use crate::error::{Result, core, key, value};

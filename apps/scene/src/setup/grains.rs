@@ -1,8 +1,8 @@
 //! Features that only particles have: bonds that break, contact, obstacles.
 
 use super::body::Grains;
+use super::body::RigidBodies;
 use super::fracture;
-use super::obstacle::RigidBodies;
 use super::packing::PackingLine;
 use super::skin::Skin;
 use crate::error::{Result, dem, key, value};

@@ -1,9 +1,9 @@
 //! Kinds of models: the rules of a kind's table, its body, and the uses that it refuses.
 
 use super::body::Body;
+use super::body::RigidBodies;
 use super::clock::SetupClock;
 use super::mesh::{self, Elements};
-use super::obstacle::RigidBodies;
 use super::zone::Supports;
 use crate::error::Result;
 use crate::setup::{BodyShape, LoweredModel, LoweredScene};

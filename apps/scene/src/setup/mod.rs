@@ -74,10 +74,10 @@ use crate::ranks::{RankLine, Ranks};
 use crate::spec::{Effect, Support};
 use arlequin::core::snapshot::Record;
 use arlequin::core::{Coupled, Guard, OwnStep, Partition, Parts, SetupPhase, Subdomain, Weighting};
+use body::RigidBodies;
 use clock::SetupClock;
 use drive::Attachments;
 use kind::Order;
-use obstacle::RigidBodies;
 use std::path::Path;
 
 /// Builds the run that a scene describes.

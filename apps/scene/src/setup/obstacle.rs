@@ -1,6 +1,6 @@
 //! Rigid bodies that models touch: their shapes and motions, and the models that share one.
 
-use super::body::{Body, material};
+use super::body::{Body, RigidBodies, material};
 use super::drive::Chosen;
 use super::grains::law;
 use super::names::effect_models;
@@ -10,10 +10,7 @@ use crate::setup::LoweredScene;
 use crate::spec::{self, EffectKind, ObstacleShape};
 use arlequin::core::contact::{Motion, RigidBody, RigidShape, SharedBody, SurfaceObstacle};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use std::collections::{BTreeMap, BTreeSet};
-
-/// Rigid bodies that one model touches, by the number of the effect.
-pub(crate) type RigidBodies = BTreeMap<usize, SharedBody>;
+use std::collections::BTreeSet;
 
 /// Shape and motion of an obstacle.
 ///
