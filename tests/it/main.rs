@@ -28,4 +28,5 @@ mod rezoning;
 mod rezoning_space;
 mod solid;
 mod support;
+mod surface_contact;
 mod theory;

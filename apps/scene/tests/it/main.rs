@@ -21,6 +21,7 @@ mod rooms;
 mod shipped;
 mod statics;
 mod stresses;
+mod surface_contact;
 mod surface_loads;
 mod volumes;
 mod zone;

@@ -1,0 +1,521 @@
+//! Surfaces of finite and natural elements against rigid bodies: Hertz, drops, rest, slopes, free bodies,
+//! random pairs of shapes.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+use arlequin::cnem::constraint::Surface;
+use arlequin::cnem::domain::Domain;
+use arlequin::cnem::{CnemModel, Options};
+use arlequin::core::contact::{
+    ContactLaw, Motion, RigidBody, RigidShape, SharedBody, Solid, SurfaceObstacle,
+};
+use arlequin::core::effect::{BodyForce, EffectLine, MassDamping};
+use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
+use arlequin::core::{Coupled, Model, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights};
+use arlequin::fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
+use std::sync::Arc;
+
+const E: f64 = 70e9;
+const RHO: f64 = 2500.0;
+/// Size of an element \[m\].
+const H: f64 = 1e-3;
+
+fn material() -> Elastic<f64> {
+    Elastic::new(E, 0.2, RHO).unwrap()
+}
+
+/// Mesh of `n³` elements of the size [`H`] with a corner at the origin.
+fn cube(kind: ElementKind, n: usize) -> Mesh<f64> {
+    let side = H * n as f64;
+    generate::block(kind, Point3::origin(), Point3::new(side, side, side), [n; 3]).unwrap()
+}
+
+fn fem(name: &str, mesh: Mesh<f64>) -> FemModel<f64> {
+    FemModel::new(name, mesh, material()).unwrap()
+}
+
+fn natural(name: &str, n: usize) -> CnemModel {
+    let mesh = cube(ElementKind::Hex8, n);
+    let domain = Domain::new(mesh.nodes(), &Surface::convex_hull()).unwrap();
+    CnemModel::new(name, domain, material(), Options::default()).unwrap()
+}
+
+/// A cube of finite or of natural elements as a subdomain.
+fn block(kind: &str, n: usize, contact: impl FnOnce(&dyn Model<f64>) -> SurfaceObstacle) -> Subdomain<f64> {
+    match kind {
+        "cnem" => {
+            let model = natural("block", n);
+            let contact = contact(&model);
+            Subdomain::coarse(model, Weights::uncoupled()).with_effect(Box::new(contact))
+        }
+        kind => {
+            let kind = if kind == "tet" {
+                ElementKind::Tet4
+            } else {
+                ElementKind::Hex8
+            };
+            let model = fem("block", cube(kind, n));
+            let contact = contact(&model);
+            Subdomain::coarse(model, Weights::uncoupled()).with_effect(Box::new(contact))
+        }
+    }
+}
+
+fn rigid(shape: RigidShape, motion: Motion) -> SharedBody {
+    SharedBody::new(RigidBody::new("tool", shape, motion).unwrap())
+}
+
+fn moving(s: Subdomain<f64>, velocity: Vector3<f64>) -> Subdomain<f64> {
+    let nodes = s.model().nodes().len();
+    let v = std::iter::repeat_n(velocity, nodes)
+        .flat_map(|v| [v.x, v.y, v.z])
+        .collect();
+    s.with_initial(vec![0.0; 3 * nodes], v).unwrap()
+}
+
+fn run_of(bodies: Vec<Subdomain<f64>>, fraction: f64) -> Coupled<f64> {
+    Coupled::new(bodies, Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
+}
+
+/// Deepest place of a node inside a shape \[m\].
+fn depth(run: &Coupled<f64>, body: &SharedBody) -> f64 {
+    let rigid = body.lock();
+    let mut deepest = f64::NEG_INFINITY;
+    for s in run.subdomains() {
+        for (x, u) in s.model().nodes().iter().zip(s.state().q.as_chunks::<3>().0) {
+            let place = x + Vector3::from(*u);
+            deepest = deepest.max(-rigid.shape().distance(&place, &rigid.moved()).0);
+        }
+    }
+    deepest
+}
+
+/// Kinetic energy of all subdomains \[J\].
+fn kinetic(run: &Coupled<f64>) -> f64 {
+    let of = |s: &Subdomain<f64>| -> f64 {
+        let v = s.state().v.iter();
+        v.zip(s.inertia()).map(|(v, m)| 0.5 * m * v * v).sum()
+    };
+    run.subdomains().iter().map(of).sum()
+}
+
+/// Number of closed contacts of an effect.
+fn contacts(line: &EffectLine<f64>) -> f64 {
+    let contacts = line.facts.iter().find(|f| f.0 == "contacts");
+    contacts.map_or(0.0, |f| f.1)
+}
+
+/// Elastic drop, corner first, at two step ratios: the block comes back, no energy is created, and the floor
+/// is not entered by more than a part of an element.
+#[test]
+fn a_block_falls_on_a_floor_corner_first() {
+    let normal = Vector3::new(1.0, 1.3, 1.7).normalize();
+    for kind in ["hex", "tet", "cnem"] {
+        for fraction in [0.3, 0.9] {
+            let point = Point3::from(normal * -1e-4);
+            let body = rigid(RigidShape::Plane { point, normal }, Motion::Fixed);
+            let law = ContactLaw::elastic(E);
+            let s = block(kind, 4, |m| SurfaceObstacle::new(m, &body, law).unwrap());
+            let mut run = run_of(vec![moving(s, normal * -20.0)], fraction);
+            let before = kinetic(&run);
+            let (mut deepest, mut touched) = (0.0_f64, false);
+            for _ in 0..400 {
+                run.run((0.5 / fraction).ceil() as usize, &mut Silent).unwrap();
+                deepest = deepest.max(depth(&run, &body));
+                let force = run.effects()[0]
+                    .facts
+                    .iter()
+                    .find(|f| f.0 == "contacts")
+                    .unwrap()
+                    .1;
+                touched |= force > 0.0;
+            }
+            assert!(touched && deepest < 0.3 * H, "{kind} {fraction}: {deepest:e} m");
+            let [momentum, _] = run.momentum();
+            assert!(momentum.dot(&normal) > 0.0, "{kind} {fraction}: it comes back");
+            assert!(
+                run.created() <= 1e-13 * before,
+                "{kind} {fraction}: {:e}",
+                run.created() / before
+            );
+            assert!(run.drift() < 1e-11, "{kind} {fraction}: drift {:e}", run.drift());
+        }
+    }
+}
+
+/// A block that rests on a floor, with damping: the force is its weight.
+#[test]
+fn the_force_of_a_block_at_rest_is_its_weight() {
+    for kind in ["hex", "tet", "cnem"] {
+        let shape = RigidShape::Plane {
+            point: Point3::origin(),
+            normal: Vector3::z(),
+        };
+        let body = rigid(shape, Motion::Fixed);
+        let law = ContactLaw {
+            restitution: 0.3,
+            ..ContactLaw::elastic(E)
+        };
+        let s = block(kind, 3, |m| SurfaceObstacle::new(m, &body, law).unwrap());
+        let gravity = Vector3::new(0.0, 0.0, -9.81e3);
+        let s = s
+            .with_effect(Box::new(BodyForce::new(gravity).unwrap()))
+            .with_effect(Box::new(MassDamping::new(2e5).unwrap()));
+        let mut run = run_of(vec![s], 0.8);
+        run.run(4000, &mut Silent).unwrap();
+        let force = run.effect_resultant(0, "tool", &Point3::origin()).unwrap().force;
+        let weight = RHO * (3.0 * H).powi(3) * 9.81e3;
+        assert!(
+            (force.z / weight - 1.0).abs() < 1e-6,
+            "{kind}: {}",
+            force.z / weight - 1.0
+        );
+        assert!(force.xy().norm() < 1e-6 * weight);
+    }
+}
+
+/// On a slope below the angle of friction a block sticks and the floor carries it; above, the ratio of the
+/// forces is the coefficient: the threshold is right to four digits.
+#[test]
+fn a_block_sticks_on_a_slope_up_to_the_angle_of_friction() {
+    let mu = 0.3;
+    for kind in ["hex", "cnem"] {
+        for slope in [0.29995, 0.30005_f64] {
+            let shape = RigidShape::Plane {
+                point: Point3::origin(),
+                normal: Vector3::z(),
+            };
+            let body = rigid(shape, Motion::Fixed);
+            let law = ContactLaw {
+                friction: mu,
+                restitution: 0.3,
+                ..ContactLaw::elastic(E)
+            };
+            let s = block(kind, 3, |m| SurfaceObstacle::new(m, &body, law).unwrap());
+            let g = Vector3::new(slope, 0.0, -1.0) * 9.81e3;
+            let ramp = TimeFunction::Ramp { duration: 2e-5 };
+            let s = s
+                .with_effect(Box::new(BodyForce::new(g).unwrap().over_time(ramp).unwrap()))
+                .with_effect(Box::new(MassDamping::new(2e5).unwrap()));
+            let mut run = run_of(vec![s], 0.8);
+            run.run(30_000, &mut Silent).unwrap();
+            let force = run.effect_resultant(0, "tool", &Point3::origin()).unwrap().force;
+            let ratio = -force.x / force.z;
+            let expected = slope.min(mu);
+            assert!((ratio - expected).abs() < 1e-5, "{kind} {slope}: {ratio}");
+            // Terminal velocity against the damping, or rest.
+            let [momentum, _] = run.momentum();
+            let speed = momentum.x / (RHO * (3.0 * H).powi(3));
+            let sliding = (slope - mu).max(0.0) * 9.81e3 / 2e5;
+            assert!(
+                (speed - sliding).abs() < 0.05 * 5e-5 * 9.81e3 / 2e5,
+                "{kind} {slope}: {speed:e}"
+            );
+        }
+    }
+}
+
+/// A free ball strikes the edge that two blocks share: one body under the forces of both.
+fn struck(friction: f64, fraction: f64) -> (Coupled<f64>, SharedBody) {
+    let radius = 2e-3;
+    let shape = RigidShape::Sphere {
+        centre: Point3::new(0.0, 2e-3, 4e-3 + radius + 1e-6),
+        radius,
+    };
+    let motion = Motion::Free {
+        mass: 1e-4,
+        velocity: Vector3::new(0.3, 0.1, -10.0),
+        inertia: None,
+    };
+    let body = rigid(shape, motion);
+    let law = ContactLaw {
+        friction,
+        ..ContactLaw::elastic(E)
+    };
+    let side = |name: &str, x: [f64; 2], kind| {
+        let high = Point3::new(x[1], 4e-3, 4e-3);
+        let mesh = generate::block(kind, Point3::new(x[0], 0.0, 0.0), high, [4; 3]).unwrap();
+        let model = fem(name, mesh);
+        let contact = SurfaceObstacle::new(&model, &body, law).unwrap();
+        Subdomain::coarse(model, Weights::uncoupled()).with_effect(Box::new(contact))
+    };
+    let bodies = vec![
+        side("left", [-4e-3, 0.0], ElementKind::Hex8),
+        side("right", [0.0, 4e-3], ElementKind::Tet4),
+    ];
+    (run_of(bodies, fraction), body)
+}
+
+#[test]
+fn a_free_ball_and_two_blocks_keep_momentum_and_create_no_energy() {
+    let start = Vector3::new(0.3, 0.1, -10.0) * 1e-4;
+    for (friction, fraction) in [(0.0, 0.9), (0.4, 0.5)] {
+        let (mut run, body) = struck(friction, fraction);
+        // Up to the parting of the ball: later, the drift of round-off in a flying block grows with its way.
+        let mut parted = 0;
+        while parted < 20 {
+            run.run(1, &mut Silent).unwrap();
+            let contacts = run.effects().iter().map(contacts).sum::<f64>();
+            let flies = contacts == 0.0 && body.lock().velocity()[0].z > 0.0;
+            parted = if flies { parted + 1 } else { 0 };
+        }
+        let [velocity, spin] = body.lock().velocity();
+        let [momentum, _] = run.momentum();
+        let total = momentum + velocity * 1e-4;
+        assert!(velocity.z > 0.0, "the ball rebounds");
+        assert!(
+            (total - start).norm() < 1e-12 * start.norm(),
+            "{:e}",
+            (total - start).norm()
+        );
+        assert!(
+            (spin.norm() > 1.0) == (friction > 0.0),
+            "friction turns the ball: {spin}"
+        );
+        let before = 0.5 * 1e-4 * (100.0 + 0.1);
+        assert!(run.created() < 1e-6 * before, "{:e}", run.created() / before);
+        for line in run.effects() {
+            assert!(line.dissipated().unwrap() > -1e-6 * before, "{line:?}");
+        }
+    }
+}
+
+#[test]
+fn threads_and_restarts_keep_the_bits_of_a_shared_ball() {
+    let bits = |run: &Coupled<f64>, body: &SharedBody| -> Vec<u64> {
+        let states = run
+            .subdomains()
+            .iter()
+            .flat_map(|s| s.state().q.iter().chain(&s.state().v));
+        let [v, w] = body.lock().velocity();
+        states
+            .chain(v.iter())
+            .chain(w.iter())
+            .map(|x| x.to_bits())
+            .collect()
+    };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let (mut run, body) = struck(0.4, 0.8);
+            run.run(300, &mut Silent).unwrap();
+            bits(&run, &body)
+        })
+    };
+    let serial = on(1);
+    assert_eq!(serial, on(3), "three threads");
+    let (mut first, _) = struck(0.4, 0.8);
+    // Within the contact: springs, budgets and the motion of the ball are resumed.
+    first.run(120, &mut Silent).unwrap();
+    let saved = first.snapshot().unwrap();
+    let (mut resumed, body) = struck(0.4, 0.8);
+    resumed.restore(&saved).unwrap();
+    resumed.run(180, &mut Silent).unwrap();
+    assert_eq!(serial, bits(&resumed, &body), "after a restart");
+}
+
+/// Random rigid shapes, turned, are shot at blocks of elements: none passes through, whatever the step.
+#[test]
+fn forty_random_turned_shapes_do_not_pass_through() {
+    let mut seed = 7_u64;
+    let mut random = move || {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for k in 0..40 {
+        let turn = Vector3::new(random(), random(), random()) * 3.0;
+        let axis = Rotation3::new(turn) * Vector3::z();
+        // Above the middle of the block, whatever its shape.
+        let centre = Point3::new(1.5e-3 + 0.8e-3 * random(), 1.5e-3 + 0.8e-3 * random(), 5.6e-3);
+        let tetrahedron = || {
+            let x = [
+                [1.0, 1.0, 1.0],
+                [-1.0, -1.0, 1.0],
+                [-1.0, 1.0, -1.0],
+                [1.0, -1.0, -1.0],
+            ];
+            let x = x.map(|x| centre + Rotation3::new(turn) * Vector3::from(x) * 0.7e-3);
+            let faces = [[0, 1, 3], [0, 2, 1], [0, 3, 2], [1, 2, 3]];
+            Solid::new(faces.map(|f| f.map(|i: usize| x[i])).to_vec())
+        };
+        let shape = match k % 5 {
+            0 => RigidShape::Sphere {
+                centre,
+                radius: 0.5e-3 + 0.5e-3 * random(),
+            },
+            1 => RigidShape::cuboid(centre, Vector3::new(1.2e-3, 0.9e-3, 1.5e-3), turn),
+            2 => RigidShape::Cone {
+                tip: centre - axis * 0.7e-3,
+                axis,
+                height: 1.4e-3,
+                radius: 0.8e-3,
+            },
+            3 => RigidShape::Cylinder {
+                point: centre,
+                axis: axis.cross(&Vector3::z()),
+                radius: 0.7e-3,
+            },
+            _ => RigidShape::Solid(Arc::new(tetrahedron().unwrap())),
+        };
+        let motion = Motion::Free {
+            mass: 5e-5,
+            velocity: Vector3::new(0.0, 0.0, -40.0),
+            inertia: None,
+        };
+        let body = rigid(shape, motion);
+        let fraction = 0.1 + 0.85 * random();
+        let kind = ["hex", "tet", "cnem"][k % 3];
+        let law = ContactLaw {
+            friction: 0.2,
+            ..ContactLaw::elastic(E)
+        };
+        let s = block(kind, 4, |m| SurfaceObstacle::new(m, &body, law).unwrap());
+        let mut run = run_of(vec![s], fraction);
+        let start = 0.5 * 5e-5 * 1600.0;
+        // Until it has come back: the block is free as well and lighter, so it leaves faster.
+        let mut deepest = 0.0_f64;
+        while run.time() < 4e-4 {
+            run.run(20, &mut Silent).unwrap();
+            deepest = deepest.max(depth(&run, &body));
+        }
+        assert!(
+            deepest < 0.5 * H,
+            "{k} {kind} at {fraction:.2}: {deepest:e} m deep"
+        );
+        let [velocity, _] = body.lock().velocity();
+        let [momentum, _] = run.momentum();
+        let mass = RHO * (4.0 * H).powi(3);
+        assert!(momentum.z / mass < velocity.z, "{k} {kind}: they part");
+        assert!(
+            run.created() < 1e-6 * start,
+            "{k} {kind}: {:e}",
+            run.created() / start
+        );
+        // The forces of elements on a block that has flown away have the round-off of its way.
+        let total = momentum + velocity * 5e-5;
+        assert!(
+            (total.z / (-40.0 * 5e-5) - 1.0).abs() < 1e-8,
+            "{k} {kind} at {fraction}: {:e} with {} contacts",
+            total.z / (-40.0 * 5e-5) - 1.0,
+            contacts(&run.effects()[0])
+        );
+    }
+}
+
+/// Coordinates of a mesh that is fine near the origin: [`H`], then each element half as long again.
+fn graded(fine: usize, coarse: usize) -> Vec<f64> {
+    let mut out = vec![0.0];
+    let mut step = H;
+    for k in 0..fine + coarse {
+        if k >= fine {
+            step *= 1.5;
+        }
+        out.push(out[k] + step);
+    }
+    out
+}
+
+/// Hertz, `F = 4/3 E/(1 − ν²) √R δ^1.5`: a rigid ball in a quarter of a half-space of hexahedra, with five
+/// elements over the radius of contact and a stiff contact.
+#[test]
+fn a_ball_on_elements_feels_the_force_of_hertz() {
+    let x = graded(7, 11);
+    let n = x.len() - 1;
+    let unit = generate::block(
+        ElementKind::Hex8,
+        Point3::origin(),
+        Point3::new(n as f64, n as f64, n as f64),
+        [n; 3],
+    );
+    let unit: Mesh<f64> = unit.unwrap();
+    let place = |c: f64| x[c.round() as usize];
+    let nodes: Vec<Point3<f64>> = unit
+        .nodes()
+        .iter()
+        // The loaded face is z = 0 and the body lies below it.
+        .map(|p| Point3::new(place(p.x), place(p.y), -place(n as f64 - p.z)))
+        .collect();
+    let mesh = Mesh::new(ElementKind::Hex8, nodes.clone(), unit.connectivity().to_vec()).unwrap();
+    let (radius, contact) = (100.0 * H, 5.0 * H);
+    let depth = contact * contact / radius;
+    let shape = RigidShape::Sphere {
+        centre: Point3::new(0.0, 0.0, radius),
+        radius,
+    };
+    let amplitude = Vector3::new(0.0, 0.0, -depth);
+    let time = TimeFunction::Ramp { duration: 40e-6 };
+    let body = rigid(shape, Motion::Prescribed { amplitude, time });
+    let law = ContactLaw {
+        restitution: 1.0,
+        ..ContactLaw::elastic(10.0 * E)
+    };
+    let model = fem("half-space", mesh);
+    let contact = SurfaceObstacle::new(&model, &body, law).unwrap();
+    let far = x[n];
+    let mut s = Subdomain::coarse(model, Weights::uncoupled())
+        .with_effect(Box::new(contact))
+        .with_effect(Box::new(MassDamping::new(1e5).unwrap()));
+    for c in 0..3 {
+        let held = |p: &Point3<f64>| if c < 2 { p[c] == 0.0 } else { p.z <= -far };
+        let dofs = (0..nodes.len())
+            .filter(|i| held(&nodes[*i]))
+            .map(|i| 3 * i + c)
+            .collect();
+        s = s.with_support(PrescribedMotion::fixed(dofs));
+    }
+    let mut run = run_of(vec![s], 0.9);
+    while run.time() < 250e-6 {
+        run.run(50, &mut Silent).unwrap();
+    }
+    let force = run.effect_resultant(0, "tool", &Point3::origin()).unwrap().force;
+    let whole = 4.0 * -force.z;
+    let hertz = 4.0 / 3.0 * E / (1.0 - 0.04) * radius.sqrt() * depth.powf(1.5);
+    assert!(
+        (whole / hertz - 1.0).abs() < 0.03,
+        "{whole:e} N, Hertz {hertz:e} N"
+    );
+}
+
+#[test]
+fn surfaces_are_refused_by_name() {
+    let floor = |z: f64, normal: f64| {
+        let shape = RigidShape::Plane {
+            point: Point3::new(0.0, 0.0, z),
+            normal: Vector3::new(0.0, 0.0, normal),
+        };
+        rigid(shape, Motion::Fixed)
+    };
+    let model = fem("block", cube(ElementKind::Hex8, 4));
+    let law = ContactLaw::elastic(E);
+    let refuse = |body: &SharedBody| SurfaceObstacle::new(&model, body, law).unwrap_err().to_string();
+    for body in [floor(0.0, -1.0), floor(1e-3, 1.0)] {
+        let error = refuse(&body);
+        assert!(error.contains("model 'block' at obstacle 'tool'"), "{error}");
+        assert!(
+            error.contains("points start inside") && error.contains("turn the normal"),
+            "{error}"
+        );
+    }
+    let speck = RigidShape::Sphere {
+        centre: Point3::new(0.0, 0.0, -1e-3),
+        radius: 1e-6,
+    };
+    let error = refuse(&rigid(speck, Motion::Fixed));
+    assert!(
+        error.contains("longest facet") && error.contains("refine"),
+        "{error}"
+    );
+    let bar = FemModel::new("bar", generate::bar(0.0, 1.0, 4, 1.0).unwrap(), material()).unwrap();
+    let error = SurfaceObstacle::new(&bar, &floor(-1.0, 1.0), law)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("'bar'") && error.contains("has no surface"),
+        "{error}"
+    );
+}
