@@ -244,10 +244,10 @@ impl Contacts {
         }
         for a in &self.active {
             for (n, _) in self.points[a.point as usize].nodes() {
-                for o in 3 * n..3 * n + 3 {
-                    // Taken, so that a node of several contacts gets the forces once.
-                    f[o] += std::mem::take(&mut self.own_forces[o]);
-                }
+                // Taken, so that a node of several contacts gets the forces once.
+                let own = &mut self.own_forces[3 * n..3 * n + 3];
+                let sums = f[3 * n..3 * n + 3].iter_mut().zip(own);
+                sums.for_each(|(f, own)| *f += std::mem::take(own));
             }
         }
     }

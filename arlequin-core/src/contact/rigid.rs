@@ -349,9 +349,15 @@ impl RigidBody {
     /// Velocity and angular velocity of a free body half a step from now, under the contacts computed so far.
     fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
         let [inverse_mass, inverse_moment] = self.inverse_inertia();
+        let (mut force, mut torque) = (self.reaction + self.weight, self.torque);
+        // Forces of models whose turn is still to come are taken from the instant before.
+        for s in self.shares.iter().filter(|s| !s.called) {
+            force += s.force;
+            torque += s.torque;
+        }
         [
-            self.velocity + (self.reaction + self.weight) * (dt * inverse_mass),
-            self.spin + self.torque * (dt * inverse_moment),
+            self.velocity + force * (dt * inverse_mass),
+            self.spin + torque * (dt * inverse_moment),
         ]
     }
 

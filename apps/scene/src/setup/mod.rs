@@ -117,7 +117,7 @@ pub(crate) fn build_from(
     let (scene, split_probes) = &zone::with_probes_in_zones(scene, folder)?;
     let checked = precheck::scene(scene, folder)?;
     let rigid_bodies = obstacle::rigid_bodies(scene)?;
-    let mut bodies = bodies_of(scene, (&checked.effects, &rigid_bodies), folder, &mut clock)?;
+    let mut bodies = bodies_of(scene, &checked.effects, &rigid_bodies, folder, &mut clock)?;
     clock.begin("mediators, probes and effects".to_owned());
     let interfaces = checked.interfaces.iter().map(|plan| plan.build(&bodies));
     let mut interfaces = interfaces.collect::<Result<Vec<_>>>()?;
@@ -277,7 +277,8 @@ fn bounds_of(scene: &LoweredScene, bodies: &[Body], interfaces: &[BuiltInterface
 
 fn bodies_of(
     scene: &LoweredScene,
-    (effects, rigid): (&[Vec<(usize, &Effect)>], &[RigidBodies]),
+    effects: &[Vec<(usize, &Effect)>],
+    rigid: &[RigidBodies],
     folder: &Path,
     clock: &mut SetupClock<'_>,
 ) -> Result<Vec<Body>> {

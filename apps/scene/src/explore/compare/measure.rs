@@ -109,7 +109,7 @@ struct Wave {
 
 impl Wave {
     /// Displacement and velocity at a place.
-    fn at(&self, x: f64) -> [f64; 2] {
+    fn value(&self, x: f64) -> [f64; 2] {
         let y = (x - self.centre) / self.half;
         if y.abs() >= 1.0 {
             return [0.0; 2];
@@ -127,11 +127,11 @@ impl Wave {
         let delta = 1e-3 * self.half;
         let unknown = |i: usize| {
             let x = places.x[i];
-            let ([q, v], across) = (self.at(x), places.across[i]);
+            let ([q, v], across) = (self.value(x), places.across[i]);
             if across == 0.0 {
                 return (places.axial[i] * q, places.axial[i] * v);
             }
-            let ([q0, v0], [q1, v1]) = (self.at(x - delta), self.at(x + delta));
+            let ([q0, v0], [q1, v1]) = (self.value(x - delta), self.value(x + delta));
             let strain = across / (2.0 * delta);
             (
                 places.axial[i] * q - strain * (q1 - q0),
@@ -203,7 +203,7 @@ impl Profile {
     }
 
     /// Linear interpolation between the middles of layers.
-    fn at(&self, x: f64) -> f64 {
+    fn value(&self, x: f64) -> f64 {
         let s = ((x - self.first) / self.layer - 0.5).clamp(0.0, (self.values.len() - 1) as f64);
         let k = (s as usize).min(self.values.len().saturating_sub(2));
         let next = self.values.get(k + 1).copied().unwrap_or(self.values[k]);
@@ -239,7 +239,7 @@ pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&
         for i in
             (0..q.len()).filter(|i| places.x[*i] < 0.0 && places.axial[*i] != 0.0 && system.mass[*i] > 0.0)
         {
-            let wanted = p.at(places.x[i]) * places.axial[i];
+            let wanted = p.value(places.x[i]) * places.axial[i];
             sums[0] += system.mass[i] * (q[i] - wanted).powi(2);
             sums[1] += system.mass[i] * wanted * wanted;
         }

@@ -34,7 +34,7 @@ impl Pace {
 
     /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical
     /// step.
-    pub(super) fn own(system: &System) -> Result<Self> {
+    pub(super) fn split(system: &System) -> Result<Self> {
         Self::of_at_most(MOST_OWN, system)
     }
 

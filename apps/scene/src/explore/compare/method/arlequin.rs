@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub(super) fn energy(case: &mut Case) -> Result<Reflections> {
     let system = case.system(&case.weights())?;
     let tie = Tie::exact(case.coupling(&system)?, &system.inverse)?;
-    let pace = Pace::own(&system)?;
+    let pace = Pace::split(&system)?;
     Ok(Reflections::new(system, Some(tie), pace))
 }
 
@@ -28,7 +28,7 @@ pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
     let stiffness = scaled_rows(&plain.stiffness, &alpha);
     let system = System::new(plain.places.clone(), mass, &plain.mass, stiffness);
     let tie = Tie::exact(case.coupling(&system)?, &system.inverse)?;
-    let pace = Pace::own(&system)?;
+    let pace = Pace::split(&system)?;
     Ok(Reflections::new(system, Some(tie), pace).without_energy())
 }
 
@@ -36,6 +36,6 @@ pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
 pub(super) fn lumped(case: &mut Case) -> Result<Reflections> {
     let system = case.system(&case.weights())?;
     let tie = Tie::lumped(case.coupling(&system)?, &system.inverse);
-    let pace = Pace::own(&system)?;
+    let pace = Pace::split(&system)?;
     Ok(Reflections::new(system, Some(tie), pace))
 }

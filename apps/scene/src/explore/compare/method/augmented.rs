@@ -18,6 +18,6 @@ pub(super) fn augmented(case: &mut Case) -> Result<Reflections> {
     let operator = congruence(&transposed(&rows), &system.inverse);
     let iterated = |s: f64, top: f64| (1.0 - (1.0 + PENALTY * s / top).powi(-ITERATIONS)) / s;
     let tie = Tie::responding(rows, &operator, &|a| of_eigenvalues(a, &iterated))?;
-    let pace = Pace::own(&system)?;
+    let pace = Pace::split(&system)?;
     Ok(Reflections::new(system, Some(tie), pace))
 }

@@ -78,7 +78,7 @@ impl Schwarz {
         };
         coarse.iter().for_each(|(k, row)| follow(k * d, split, row));
         fine.iter().for_each(|(k, row)| follow(split + k * d, 0, row));
-        let pace = Pace::own(&system)?;
+        let pace = Pace::split(&system)?;
         Ok(Self {
             lead: lead.to_csr(),
             now: Motion::default(),
