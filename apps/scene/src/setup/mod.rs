@@ -201,7 +201,8 @@ pub(crate) fn parts(
     let checked = precheck::scene(scene, folder)?;
     let bodies = bodies_of(
         scene,
-        (&checked.effects, &obstacle::rigid_bodies(scene)?),
+        &checked.effects,
+        &obstacle::rigid_bodies(scene)?,
         folder,
         &mut clock,
     )?;
