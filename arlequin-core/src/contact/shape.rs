@@ -389,7 +389,7 @@ mod tests {
             for k in 0..400_u32 {
                 let t = f64::from(k);
                 let way = Vector3::new((0.37 * t).sin(), (0.91 * t).cos(), (1.7 * t).sin());
-                let x = middle + way * 0.9;
+                let x = middle + way * 0.35;
                 let (d, n) = shape.distance(&x, &moved);
                 assert!((n.norm() - 1.0).abs() < 1e-12);
                 let foot = x - n * d;
