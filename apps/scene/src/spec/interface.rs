@@ -88,15 +88,15 @@ pub enum Method {
     /// Energies weighted by elements and bonds, multipliers on a mediator.
     #[default]
     Arlequin,
-    /// As `arlequin`, with forces and masses weighted at the nodes.
+    /// The default, with forces and masses weighted at the nodes.
     Nodal,
-    /// As `arlequin`, with the operator of the multipliers lumped to its row sums.
+    /// The default, with the operator of the multipliers lumped to its row sums.
     Lumped,
-    /// As `lumped`; the multipliers correct velocities only, not accelerations.
+    /// A lumped operator whose multipliers correct velocities only, not accelerations.
     LumpedVelocities,
     /// Models that meet in one layer of particles, each tied to the coarse field.
     Edge,
-    /// As `edge`, tied in the mean by the shape functions of the coarse model.
+    /// One layer, tied in the mean by the shape functions of the coarse model.
     EdgeWeak,
     /// Springs between each particle of the overlap and the coarse field.
     Penalty,
@@ -104,6 +104,10 @@ pub enum Method {
     Augmented,
     /// Weighted energies of one field: particles of the overlap follow the coarse model.
     Blend,
+    /// The coarse energy of a zone is replaced by that of its particles; those beside it follow the coarse model.
+    Oniom,
+    /// Coarse model everywhere, particles in a zone with the force of those that are left out (on a line only).
+    BridgingScale,
     /// Scheme of Gravouil and Combescure: multipliers at the own steps of the fine model.
     Gc,
     /// Scheme of Prakash and Hjelmstad: multipliers linear within a step of the run.
@@ -112,13 +116,13 @@ pub enum Method {
     Schwarz,
     /// Particles everywhere; those of the coarse region follow the coarse mesh, and all bonds are summed.
     Quasicontinuum,
-    /// As `quasicontinuum`, with bonds summed near the nodes of the mesh only.
+    /// Quasicontinuum with bonds summed near the nodes of the mesh only.
     QuasicontinuumClusters,
 }
 
 impl Method {
     /// All methods, the default first.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Arlequin,
         Self::Nodal,
         Self::Lumped,
@@ -128,6 +132,8 @@ impl Method {
         Self::Penalty,
         Self::Augmented,
         Self::Blend,
+        Self::Oniom,
+        Self::BridgingScale,
         Self::Gc,
         Self::Ph,
         Self::Schwarz,
@@ -148,6 +154,8 @@ impl Method {
             Self::Penalty => "penalty",
             Self::Augmented => "augmented",
             Self::Blend => "blend",
+            Self::Oniom => "oniom",
+            Self::BridgingScale => "bridging-scale",
             Self::Gc => "gc",
             Self::Ph => "ph",
             Self::Schwarz => "schwarz",

@@ -143,6 +143,43 @@ fn clusters_have_ghost_forces_and_full_sums_have_none() {
     assert!(clusters.pulse_error > all.pulse_error, "{clusters:?} {all:?}");
 }
 
+/// A model of weight −1 leaves bonds at the border that count beside elements.
+#[test]
+fn a_replaced_energy_has_ghost_forces() {
+    let methods = [Method::Oniom, Method::Blend];
+    let [own, oniom, blend] = rows(board(&scene("bar-1d.toml"), &methods, 1.0));
+    within("uniform strain", oniom.patch.expect("a strain"), 1e-3, 1e-2);
+    within("handshake", blend.patch.expect("a strain"), 0.0, 1e-9);
+    within("energy", oniom.drift, -1e-9, 1e-9);
+    within("momentum", oniom.momentum, 0.0, 1e-9);
+    within(
+        "pulse",
+        oniom.pulse_error.unwrap_or(0.0),
+        0.0,
+        2.0 * own.pulse_error.unwrap_or(1.0),
+    );
+}
+
+/// Wagner and Liu (2003): the memory at the end of the zone takes what the coarse model cannot carry. A wave that
+/// both carry is sent back a little (Tang, Hou and Liu 2006), and the coarse model does not know what was lost.
+#[test]
+fn a_memory_takes_short_waves() {
+    let [own, bridging] = rows(board(&scene("bar-1d.toml"), &[Method::BridgingScale], 1.0));
+    within(
+        "kept of short waves",
+        bridging.above.expect("a packet"),
+        0.0,
+        0.01,
+    );
+    within("reflected", bridging.down, own.down, 0.02);
+    within("random state", bridging.drift, -1.0, -0.5);
+    within("momentum", bridging.momentum, 1e-6, 0.1);
+    within("cost", bridging.cost, 1.5, 4.0);
+    assert!(bridging.patch.is_none(), "it has no energy to minimise");
+    let b = board(&scene("dem-fem-beam.toml"), &[Method::BridgingScale], 1.0);
+    assert!(b.refused[0].1.contains("equal neighbours"), "{:?}", b.refused);
+}
+
 #[test]
 fn alternation_conserves_nothing() {
     let [own, schwarz] = rows(board(&scene("cantilever.toml"), &[Method::Schwarz], 1.0));

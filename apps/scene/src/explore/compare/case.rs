@@ -3,7 +3,7 @@
 use super::sparse::{block_diagonal, difference};
 use super::system::{Places, System};
 use crate::error::{Result, core, key, value};
-use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredInterface, LoweredScene, OverlapSource};
+use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredScene, OverlapSource};
 use crate::spec::{Method, OverlapShape, Shape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::CsMat;
@@ -21,7 +21,7 @@ pub(super) struct Case {
     /// Places of the unknowns of both models.
     pub(super) places: Arc<Places>,
     /// Masses of both models without weights.
-    full: Vec<f64>,
+    pub(super) full: Vec<f64>,
     /// Width of the overlap, spacing of the coarse and of the fine model \[m\].
     pub(super) width: f64,
     pub(super) spacing: [f64; 2],
@@ -31,13 +31,14 @@ pub(super) struct Case {
     axis: Vector3<f64>,
     origin: Point3<f64>,
     /// The fine model in the place of both.
-    pub(super) fine: Fine,
+    pub(super) fine: Everywhere,
 }
 
-/// The fine model in the place of both models.
-pub(super) struct Fine {
+/// One of the models in the place of both.
+pub(super) struct Everywhere {
     body: Body,
     pub(super) places: Arc<Places>,
+    /// Masses without weights.
     full: Vec<f64>,
 }
 
@@ -76,18 +77,13 @@ impl Case {
         for side in sides {
             linear(&bodies[side])?;
         }
-        let places = places(sides.map(|s| &bodies[s]), &coarse, &axis);
-        let fine_body = everywhere(&scene, &table, folder, announce)?;
-        let fine_places = places_of(&[&fine_body], &coarse, &axis, 0);
+        let frame = (coarse, axis);
+        let places = places(&sides.map(|s| &bodies[s]), frame);
+        let fine = everywhere(&scene, folder, [&table.coarse, &table.fine], frame, announce)?;
         let mut full = Vec::new();
         for s in sides {
             full.extend(masses(&bodies[s], &Uniform(1.0))?);
         }
-        let fine = Fine {
-            full: masses(&fine_body, &Uniform(1.0))?,
-            places: Arc::new(fine_places),
-            body: fine_body,
-        };
         let material = bodies[sides[1]].material.as_ref().map(Elastic::bar_speed);
         Ok(Self {
             speed: material
@@ -137,6 +133,19 @@ impl Case {
         Slab::between(at(to), at(from)).map_err(core("compare"))
     }
 
+    /// Systems of both models as one, without weights and coupling.
+    pub(super) fn plain_system(&mut self) -> Result<System> {
+        let one = || Weights::from_weight(Arc::new(Uniform(1.0)));
+        self.system(&[one(), one()])
+    }
+
+    /// The coarse model in the place of both.
+    pub(super) fn coarse_everywhere(&self) -> Result<Everywhere> {
+        let table = &self.scene.interface[&self.name];
+        let names = [&table.fine, &table.coarse];
+        everywhere(&self.scene, &self.folder, names, self.frame(), &mut |_, _, _| ())
+    }
+
     /// Weighted systems of both models as one, without coupling.
     pub(super) fn system(&mut self, weights: &Pair) -> Result<System> {
         let (mut mass, mut stiffness) = (Vec::new(), Vec::new());
@@ -163,11 +172,11 @@ impl Case {
     /// Fine model in the place of both, weighted.
     pub(super) fn fine_system(&mut self, weight: &dyn Weight<f64>) -> Result<System> {
         let stiffness = weighted(&mut self.fine.body, weight)?;
-        let mass = self.fine.full.clone();
+        let fine = &self.fine;
         Ok(System::new(
-            self.fine.places.clone(),
-            mass,
-            &self.fine.full,
+            fine.places.clone(),
+            fine.full.clone(),
+            &fine.full,
             stiffness,
         ))
     }
@@ -193,8 +202,7 @@ impl Case {
         let (Some(coarse), Some(fine)) = (coarse, fine) else {
             return Err(key(path, "has no coupling matrices"));
         };
-        // Rotations have no columns.
-        Ok(difference(&coarse, &fine, split, system.size()))
+        Ok(difference(&coarse, &fine, system.size()))
     }
 
     /// Number of displacement components.
@@ -206,49 +214,60 @@ impl Case {
     /// border, with their shape functions of the coarse model. Particles outside of the coarse mesh are left
     /// out.
     pub(super) fn followers(&self, everywhere: bool, range: [f64; 2]) -> Vec<(usize, ShapeRow<f64>)> {
-        let body = if everywhere {
-            &self.fine.body
-        } else {
-            &self.bodies[self.sides()[1]]
-        };
-        let field = &self.bodies[self.sides()[0]].field;
-        let nodes = body.model.nodes().iter().enumerate();
-        let rounded = 1e-9 * self.width;
-        let shape = |(k, x): (usize, &Point3<f64>)| {
-            let distance = self.distance(x);
-            if distance < range[0] - rounded || distance > range[1] + rounded {
-                return None;
-            }
-            let mut row = ShapeRow::default();
-            field.shape_at(x, false, &mut row).ok()?;
-            Some((k, row))
-        };
-        nodes.filter_map(shape).collect()
+        let [coarse, fine] = self.sides().map(|s| &self.bodies[s]);
+        let fine = if everywhere { &self.fine.body } else { fine };
+        let shapes = self.shapes(fine, coarse, range);
+        shapes.filter_map(|(k, row)| Some((k, row.ok()?))).collect()
+    }
+
+    /// All particles of the fine model everywhere, with their shape functions of the coarse one.
+    pub(super) fn all_followers(&self, coarse: &Everywhere) -> Vec<(usize, ShapeRow<f64>)> {
+        let shapes = self.shapes(&self.fine.body, &coarse.body, [f64::NEG_INFINITY, f64::INFINITY]);
+        shapes.filter_map(|(k, row)| Some((k, row.ok()?))).collect()
     }
 
     /// Nodes of the coarse model in a range of distances, with the shape functions of the fine model.
     ///
     /// # Errors
     /// A fine model whose field exists at its particles only.
-    pub(super) fn led_nodes(&self, range: [f64; 2]) -> Result<Vec<(usize, ShapeRow<f64>)>> {
+    pub(super) fn border_nodes(&self, range: [f64; 2]) -> Result<Vec<(usize, ShapeRow<f64>)>> {
         let [coarse, fine] = self.sides().map(|s| &self.bodies[s]);
-        let mut out = Vec::new();
-        for (k, x) in coarse.model.nodes().iter().enumerate() {
-            if !(range[0]..=range[1]).contains(&self.distance(x)) {
-                continue;
-            }
-            let mut row = ShapeRow::default();
-            fine.field.shape_at(x, false, &mut row).map_err(|e| {
+        let row = |(k, row): (usize, arlequin::core::Result<_>)| {
+            let name = fine.model.name();
+            let row = row.map_err(|e| {
                 let rule = format!(
-                    "needs the displacement of model '{}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
-                     elements",
-                    fine.model.name()
+                    "needs the displacement of model '{name}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
+                     elements"
                 );
-                value(format!("interface.{}.method", self.name), Method::Schwarz.name(), &rule)
-            })?;
-            out.push((k, row));
-        }
-        Ok(out)
+                self.refusal(Method::Schwarz, &rule)
+            });
+            Ok((k, row?))
+        };
+        self.shapes(coarse, fine, range).map(row).collect()
+    }
+
+    /// Nodes of a model in a range of distances, with the shape functions of another one.
+    fn shapes<'a>(
+        &'a self,
+        points: &'a Body,
+        field: &'a Body,
+        range: [f64; 2],
+    ) -> impl Iterator<Item = (usize, arlequin::core::Result<ShapeRow<f64>>)> + 'a {
+        let rounded = 1e-9 * self.width;
+        let nodes = points.model.nodes().iter().enumerate();
+        let nodes = nodes.filter(move |(_, x)| {
+            let distance = self.distance(x);
+            distance >= range[0] - rounded && distance <= range[1] + rounded
+        });
+        nodes.map(|(k, x)| {
+            let mut row = ShapeRow::default();
+            (k, field.field.shape_at(x, false, &mut row).map(|()| row))
+        })
+    }
+
+    /// Refuses a method by its name, with the reason and the remedy.
+    pub(super) fn refusal(&self, method: Method, rule: &str) -> crate::error::Error {
+        value(format!("interface.{}.method", self.name), method.name(), rule)
     }
 
     /// Distance of a point from the coarse border.
@@ -264,11 +283,6 @@ impl Case {
     /// A point of the coarse border and the axis.
     pub(super) fn frame(&self) -> (Point3<f64>, Vector3<f64>) {
         (self.origin, self.axis)
-    }
-
-    /// Name of the interface.
-    pub(super) fn name(&self) -> &str {
-        &self.name
     }
 }
 
@@ -290,40 +304,46 @@ fn bare(scene: &LoweredScene) -> LoweredScene {
     out
 }
 
-/// Builds the fine model over the place of both.
+/// Builds one model over the place of both; `names` are the model that goes and the one that stays.
 fn everywhere(
     scene: &LoweredScene,
-    table: &LoweredInterface,
     folder: &Path,
+    [gone, kept]: [&String; 2],
+    frame: (Point3<f64>, Vector3<f64>),
     announce: &mut dyn FnMut(&str, usize, usize),
-) -> Result<Body> {
+) -> Result<Everywhere> {
     let mut whole = scene.clone();
     whole.interface.clear();
-    whole.model.remove(&table.coarse);
-    let path = format!("model.{}.shape", table.fine);
-    let shapes = [&table.coarse, &table.fine].map(|n| scene.model[n].shape.in_scene());
+    whole.model.remove(gone);
+    let path = |what: &str| format!("model.{kept}.{what}");
+    let shapes = [gone, kept].map(|n| scene.model[n].shape.in_scene());
     let united = match shapes {
         [Some(a), Some(b)] => union(a, b),
         _ => None,
     };
     let Some(shape) = united else {
-        let rule = "and that of the coarse model must be two boxes, cylinders or bars in line; the comparison needs the fine model in \
-                    the place of both";
-        return Err(key(path, rule));
+        let rule = "and that of the other model must be two boxes, cylinders or bars in line; the comparison needs one model in the place \
+                    of both";
+        return Err(key(path("shape"), rule));
     };
-    if let Some(model) = whole.model.get_mut(&table.fine) {
+    if let Some(model) = whole.model.get_mut(kept) {
         if model.spacing.is_none() {
             let rule = "is missing: the comparison builds the model in the place of both; give spacing";
-            return Err(key(format!("model.{}.spacing", table.fine), rule));
+            return Err(key(path("spacing"), rule));
         }
         model.shape = BodyShape::Given(shape);
         model.role = None;
     }
     let (bodies, _) = setup::parts(&whole, folder, announce)?;
-    bodies
+    let body = bodies
         .into_iter()
         .next()
-        .ok_or_else(|| key(path, "makes no body"))
+        .ok_or_else(|| key(path("shape"), "makes no body"))?;
+    Ok(Everywhere {
+        full: masses(&body, &Uniform(1.0))?,
+        places: Arc::new(places(&[&body], frame)),
+        body,
+    })
 }
 
 /// Shape that covers two shapes in line.
@@ -400,13 +420,14 @@ fn weighted(body: &mut Body, weight: &dyn Weight<f64>) -> Result<CsMat<f64>> {
     stiffness.ok_or_else(|| key(path, "is not linear"))
 }
 
-fn places(bodies: [&Body; 2], origin: &Point3<f64>, axis: &Vector3<f64>) -> Places {
-    places_of(&bodies, origin, axis, bodies[0].model.layout().dofs())
-}
-
-fn places_of(bodies: &[&Body], origin: &Point3<f64>, axis: &Vector3<f64>, split: usize) -> Places {
+/// Places of the unknowns of one or two models.
+fn places(bodies: &[&Body], (origin, axis): (Point3<f64>, Vector3<f64>)) -> Places {
     let mut out = Places {
-        split,
+        split: if bodies.len() == 2 {
+            bodies[0].model.layout().dofs()
+        } else {
+            0
+        },
         ..Places::default()
     };
     let middle = middle(bodies);
@@ -414,14 +435,16 @@ fn places_of(bodies: &[&Body], origin: &Point3<f64>, axis: &Vector3<f64>, split:
         let (layout, nodes) = (body.model.layout(), body.model.nodes());
         let poisson = body.material.as_ref().map_or(0.0, |m| m.poisson());
         for d in 0..layout.dofs() {
-            let moves = d < layout.translations();
             let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
             let offset = node - middle;
-            let across = offset - axis * offset.dot(axis);
-            out.x.push((node - origin).dot(axis));
-            out.axial.push(if moves { axis[c] } else { 0.0 });
-            out.across.push(if moves && layout.components == 3 {
-                poisson * across[c]
+            let across = poisson * (offset - axis * offset.dot(&axis));
+            let moves = d < layout.translations();
+            let factor = f64::from(u8::from(moves));
+            out.x.push((node - origin).dot(&axis));
+            out.axial.push(factor * axis[c]);
+            // Nothing moves across a line.
+            out.across.push(if layout.components == 3 {
+                factor * across[c]
             } else {
                 0.0
             });

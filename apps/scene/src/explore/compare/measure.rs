@@ -57,28 +57,22 @@ impl Waves {
         }
     }
 
-    /// The pulse from the fine model, and how long it takes to pass.
-    fn down(&self) -> (Wave, f64) {
-        let centre = self.width + self.half + self.spacing[1];
+    /// The pulse from the fine or from the coarse model, and how long it takes to pass.
+    pub(super) fn pulse(&self, from_fine: bool) -> (Wave, f64) {
+        let [h, d] = self.spacing;
+        let (centre, velocity, way) = if from_fine {
+            let centre = self.width + self.half + d;
+            (centre, -self.speed, centre)
+        } else {
+            (-self.half - h, self.speed, self.width + self.half + h)
+        };
         let wave = Wave {
             centre,
             half: self.half,
             wavenumber: 0.0,
-            velocity: -self.speed,
+            velocity,
         };
-        (wave, (centre + 1.2 * self.half) / self.speed)
-    }
-
-    /// The pulse from the coarse model, and how long it takes to pass.
-    fn up(&self) -> (Wave, f64) {
-        let centre = -self.half - self.spacing[0];
-        let wave = Wave {
-            centre,
-            half: self.half,
-            wavenumber: 0.0,
-            velocity: self.speed,
-        };
-        (wave, (self.width - centre + 1.2 * self.half) / self.speed)
+        (wave, (way + 1.2 * self.half) / self.speed)
     }
 
     /// The packet from the fine model, and how long it takes to meet the overlap and to leave it.
@@ -100,7 +94,7 @@ impl Waves {
 
 /// Plane wave `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, that travels one way.
 #[derive(Debug, Clone, Copy)]
-struct Wave {
+pub(super) struct Wave {
     centre: f64,
     half: f64,
     wavenumber: f64,
@@ -145,7 +139,7 @@ impl Wave {
 
 /// Starts a wave and lets it run for a time; returns the energy \[J\] at the begin, and at the end beyond the
 /// overlap and in all.
-fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
+pub(super) fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
     let places = method.whole().places.clone();
     let [q, v] = wave.state(&places);
     method.reset(&q, &v);
@@ -155,7 +149,7 @@ fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
 }
 
 /// Energy of both models \[J\] from displacements and velocities at the same instant.
-fn at_whole_step(method: &dyn Coupling) -> f64 {
+pub(super) fn at_whole_step(method: &dyn Coupling) -> f64 {
     let [q, v] = method.motion();
     method.whole().energies(&q, &v).iter().sum()
 }
@@ -177,37 +171,30 @@ fn beyond(method: &dyn Coupling) -> f64 {
 
 /// Displacement of the fine model everywhere, along the axis, by layers.
 #[derive(Debug, Clone)]
-pub(super) struct Profile {
-    first: f64,
-    layer: f64,
-    values: Vec<f64>,
+pub(super) struct Profile(Vec<[f64; 2]>);
+
+/// Place and displacement of the layers of a system along the axis, in means by mass: a node that hardly has
+/// weight hardly counts.
+fn layers(system: &System, q: &[f64], thickness: f64) -> Vec<[f64; 2]> {
+    let places = &system.places;
+    let mut sums = BTreeMap::<i64, [f64; 3]>::new();
+    for i in (0..system.size()).filter(|i| places.axial[*i] != 0.0 && system.mass[*i] > 0.0) {
+        let sum = sums.entry((places.x[i] / thickness).round() as i64).or_default();
+        let m = system.mass[i] * places.axial[i].powi(2);
+        sum[0] += m;
+        sum[1] += m * places.x[i];
+        sum[2] += m * q[i] / places.axial[i];
+    }
+    let means = sums.into_values().map(|[m, x, u]| [x / m, u / m]);
+    means.collect()
 }
 
 impl Profile {
-    fn new(system: &System, q: &[f64], layer: f64) -> Self {
-        let x = &system.places.x;
-        let first = x.iter().fold(f64::INFINITY, |m, x| m.min(*x)) - 0.5 * layer;
-        let last = x.iter().fold(f64::NEG_INFINITY, |m, x| m.max(*x));
-        let mut sums = vec![[0.0; 2]; ((last - first) / layer) as usize + 1];
-        for i in (0..x.len()).filter(|i| system.places.axial[*i] != 0.0) {
-            let sum = &mut sums[((x[i] - first) / layer) as usize];
-            let weight = system.mass[i] * system.places.axial[i].powi(2);
-            sum[0] += weight;
-            sum[1] += weight * q[i] / system.places.axial[i];
-        }
-        let values = sums
-            .into_iter()
-            .map(|[m, s]| if m > 0.0 { s / m } else { 0.0 })
-            .collect();
-        Self { first, layer, values }
-    }
-
-    /// Linear interpolation between the middles of layers.
+    /// Linear interpolation between layers.
     fn value(&self, x: f64) -> f64 {
-        let s = ((x - self.first) / self.layer - 0.5).clamp(0.0, (self.values.len() - 1) as f64);
-        let k = (s as usize).min(self.values.len().saturating_sub(2));
-        let next = self.values.get(k + 1).copied().unwrap_or(self.values[k]);
-        self.values[k] + (s - k as f64) * (next - self.values[k])
+        let next = self.0.partition_point(|l| l[0] < x).clamp(1, self.0.len() - 1);
+        let [[x0, u0], [x1, u1]] = [self.0[next - 1], self.0[next]];
+        u0 + (x.clamp(self.0[0][0], self.0[self.0.len() - 1][0]) - x0) / (x1 - x0) * (u1 - u0)
     }
 }
 
@@ -225,7 +212,7 @@ pub(super) struct Passage {
 
 /// Sends the pulse from the fine model.
 pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&Profile>) -> Passage {
-    let (wave, time) = waves.down();
+    let (wave, time) = waves.pulse(true);
     let [before, coarse, all] = run(method, &wave, time);
     let [mut q, v] = method.motion();
     // All methods are compared at one instant, whatever their steps.
@@ -245,7 +232,10 @@ pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&
         }
         (sums[0] / sums[1]).sqrt()
     };
-    let (error, profile) = (reference.map(squares), Profile::new(system, &q, waves.spacing[1]));
+    let (error, profile) = (
+        reference.map(squares),
+        Profile(layers(system, &q, waves.spacing[1])),
+    );
     let [q, v] = wave.state(&method.whole().places.clone());
     method.reset(&q, &v);
     let start = method.energy();
@@ -261,7 +251,7 @@ pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&
 
 /// Share of the energy of the pulse from the coarse model that comes back.
 pub(super) fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
-    let (wave, time) = waves.up();
+    let (wave, time) = waves.pulse(false);
     let [before, coarse, _] = run(method, &wave, time);
     coarse / before
 }
@@ -289,6 +279,11 @@ pub(super) struct Noise {
     pub(super) seconds: f64,
 }
 
+/// Momentum along the axis \[kg m/s\], and the sum of its moduli.
+fn momentum(method: &dyn Coupling) -> [f64; 2] {
+    method.whole().momentum(&method.motion()[1])
+}
+
 /// Runs from random velocities of all displacements.
 pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
     let places = method.whole().places.clone();
@@ -299,7 +294,7 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
         .map(|m| if *m { next() } else { 0.0 })
         .collect();
     method.reset(&vec![0.0; v.len()], &v);
-    let (energy, [before, size]) = (method.energy(), method.momentum());
+    let (energy, [before, size]) = (method.energy(), momentum(method));
     let steps = (waves.random / method.pace().step).round().max(1.0) as usize;
     let begin = Instant::now();
     for _ in 0..steps {
@@ -308,7 +303,7 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
     Noise {
         seconds: begin.elapsed().as_secs_f64() / steps as f64,
         drift: method.energy() / energy - 1.0,
-        momentum: (method.momentum()[0] - before).abs() / size,
+        momentum: (momentum(method)[0] - before).abs() / size,
     }
 }
 
@@ -338,23 +333,7 @@ pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>>
 /// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the
 /// moduli of the models differ, so do the lines, and what lies between them is no deviation.
 fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
-    let places = &system.places;
-    let layers = || {
-        let layer = waves.spacing[1];
-        let mut sums = BTreeMap::<i64, [f64; 3]>::new();
-        // Both models by mass: a node that hardly has weight hardly counts.
-        for i in (0..system.size()).filter(|i| places.axial[*i] != 0.0 && system.mass[*i] > 0.0) {
-            let sum = sums.entry((places.x[i] / layer).round() as i64).or_default();
-            let m = system.mass[i];
-            sum[0] += m;
-            sum[1] += m * places.x[i];
-            sum[2] += m * q[i] / places.axial[i];
-        }
-        sums.into_values()
-            .map(|[m, x, u]| [x / m, u / m])
-            .collect::<Vec<_>>()
-    };
-    let all = layers();
+    let all = layers(system, q, waves.spacing[1]);
     let (margin, width) = (waves.spacing[0], waves.width);
     let line = |keep: &dyn Fn(f64) -> bool| fit(all.iter().filter(|l| keep(l[0])));
     let low = line(&|x| x < -margin);

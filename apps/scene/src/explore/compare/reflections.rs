@@ -1,11 +1,10 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
 use super::method::Coupling;
-use super::sparse::add_product;
-use super::system::{Lift, System};
+use super::sparse::product;
+use super::system::{Lift, Motion, System};
 use super::tie::Tie;
 use crate::error::Result;
-use std::ops::Range;
 
 /// Own step of the finest model over its critical step, as runs have it.
 pub(super) const SHARE: f64 = 0.9;
@@ -35,11 +34,11 @@ impl Pace {
     /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical
     /// step.
     pub(super) fn split(system: &System) -> Result<Self> {
-        Self::of_at_most(MOST_OWN, system)
+        Self::at_most(MOST_OWN, system)
     }
 
     /// At most `most` own steps of the fine model within half of the coarse critical step.
-    pub(super) fn of_at_most(most: usize, system: &System) -> Result<Self> {
+    pub(super) fn at_most(most: usize, system: &System) -> Result<Self> {
         let split = system.places.split;
         let coarse = system.critical(0..split)?;
         let fine = system.critical(split..system.size())?;
@@ -62,9 +61,7 @@ pub(super) struct Reflections {
     once: bool,
     lift: Option<Lift>,
     pace: Pace,
-    q: Vec<f64>,
-    v: Vec<f64>,
-    a: Vec<f64>,
+    now: Motion,
     /// Half of the last reflection.
     kick: Vec<f64>,
     /// True if the stiffness is symmetric, so that an equilibrium minimises an energy.
@@ -74,12 +71,9 @@ pub(super) struct Reflections {
 impl Reflections {
     /// Makes the stepping of a system with a constraint.
     pub(super) fn new(system: System, tie: Option<Tie>, pace: Pace) -> Self {
-        let zeros = || vec![0.0; system.size()];
         Self {
-            q: zeros(),
-            v: zeros(),
-            a: zeros(),
-            kick: zeros(),
+            now: Motion::default(),
+            kick: vec![0.0; system.size()],
             once: false,
             symmetric: true,
             lift: None,
@@ -111,68 +105,54 @@ impl Reflections {
         self
     }
 
-    fn leap(&mut self, range: Range<usize>, dt: f64, steps: usize) {
-        for _ in 0..steps {
-            for i in range.clone() {
-                self.v[i] += 0.5 * dt * self.a[i];
-                self.q[i] += dt * self.v[i];
-            }
-            self.accelerate(range.clone());
-            for i in range.clone() {
-                self.v[i] += 0.5 * dt * self.a[i];
-            }
-        }
-    }
-
-    fn accelerate(&mut self, range: Range<usize>) {
-        self.a[range.clone()].fill(0.0);
-        add_product(&self.system.stiffness, &self.q, -1.0, range.clone(), &mut self.a);
-        for i in range {
-            self.a[i] *= self.system.inverse[i];
-        }
-    }
-
     fn reflect(&mut self) {
         if let Some(t) = &self.tie {
-            self.kick = t.kick(&self.v, &self.system.inverse);
-            self.v.iter_mut().zip(&self.kick).for_each(|(v, k)| *v -= k);
+            self.kick = t.kick(&self.now.v, &self.system.inverse);
+            subtract(&mut self.now.v, &self.kick);
         }
     }
 }
 
 impl Coupling for Reflections {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let free = |x: &[f64]| self.lift.as_ref().map_or_else(|| x.to_vec(), |l| l.free(x));
-        (self.q, self.v) = (free(q), free(v));
-        for i in 0..self.system.size() {
-            if self.system.inverse[i] == 0.0 {
-                (self.q[i], self.v[i]) = (0.0, 0.0);
-            }
-        }
+        let n = self.system.size();
+        let free = |x: &[f64]| {
+            let mut x = self.lift.as_ref().map_or_else(|| x.to_vec(), |l| l.free(x));
+            let without_weight = x.iter_mut().zip(&self.system.inverse).filter(|(_, w)| **w == 0.0);
+            without_weight.for_each(|(x, _)| *x = 0.0);
+            x
+        };
+        let (mut q, v, a) = (free(q), free(v), vec![0.0; n]);
         if let Some(t) = &self.tie {
-            t.project(&mut self.q, &self.system.inverse);
+            t.project(&mut q, &self.system.inverse);
         }
+        self.now = Motion { q, v, a };
         self.reflect();
-        self.accelerate(0..self.system.size());
+        self.system.accelerate(&mut self.now, 0..n);
         // The start is consistent: the first half reflection takes the jump of the accelerations.
         if let Some(t) = self.tie.as_ref().filter(|_| !self.once) {
             let half = -0.5 * self.pace.step;
-            self.kick = t.kick(&self.a, &self.system.inverse);
+            self.kick = t.kick(&self.now.a, &self.system.inverse);
             self.kick.iter_mut().for_each(|k| *k *= -half);
         }
     }
 
     fn advance(&mut self) {
         if !self.once {
-            self.v.iter_mut().zip(&self.kick).for_each(|(v, k)| *v -= k);
+            subtract(&mut self.now.v, &self.kick);
         }
         let (n, split) = (self.system.size(), self.system.places.split);
         let Pace { step, own, .. } = self.pace;
-        if own == 1 {
-            self.leap(0..n, step, 1);
+        let sides = if own == 1 {
+            vec![(0..n, 1)]
         } else {
-            self.leap(0..split, step, 1);
-            self.leap(split..n, step / own as f64, own);
+            vec![(0..split, 1), (split..n, own)]
+        };
+        for (range, own) in sides {
+            for _ in 0..own {
+                System::drift(&mut self.now, range.clone(), step / own as f64);
+                self.system.kick(&mut self.now, range.clone(), step / own as f64);
+            }
         }
         self.reflect();
     }
@@ -186,9 +166,9 @@ impl Coupling for Reflections {
     }
 
     fn motion(&self) -> [Vec<f64>; 2] {
-        [&self.q, &self.v].map(|x| match &self.lift {
-            None => x.clone(),
-            Some(l) => super::sparse::product(&l.rows, x),
+        self.now.pair().map(|x| match &self.lift {
+            None => x,
+            Some(l) => product(&l.rows, &x),
         })
     }
 
@@ -201,25 +181,16 @@ impl Coupling for Reflections {
                 self.pace.own
             };
             let dt = self.pace.step / own as f64;
-            let after = self.v[i] - if self.once { 0.0 } else { self.kick[i] };
-            let a = self.a[i];
-            0.5 * self.system.mass[i] * (after * after - self.q[i] * a - 0.25 * dt * dt * a * a)
+            let after = self.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
+            let (q, a) = (self.now.q[i], self.now.a[i]);
+            0.5 * self.system.mass[i] * (after * after - q * a - 0.25 * dt * dt * a * a)
         };
         let all = 0..self.system.size();
         all.filter(|i| self.system.inverse[*i] > 0.0).map(term).sum()
     }
 
-    fn momentum(&self) -> [f64; 2] {
-        self.system.momentum(&self.v)
-    }
-
     fn work(&self) -> f64 {
-        let split = self.system.places.split;
-        let rows = self.system.stiffness.indptr();
-        let start = rows.raw_storage();
-        let (coarse, all) = (start[split], start[self.system.size()]);
-        let models = coarse + self.pace.own * (all - coarse);
-        models as f64 + self.tie.as_ref().map_or(0.0, Tie::work)
+        self.system.work(self.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
@@ -232,6 +203,10 @@ impl Coupling for Reflections {
         };
         let held: Vec<bool> = lift.kept.iter().map(|k| held[*k]).collect();
         let p = self.system.equilibrium(lift.free(q), &held, rows)?;
-        Ok(Some(super::sparse::product(&lift.rows, &p)))
+        Ok(Some(product(&lift.rows, &p)))
     }
+}
+
+fn subtract(x: &mut [f64], change: &[f64]) {
+    x.iter_mut().zip(change).for_each(|(x, c)| *x -= c);
 }

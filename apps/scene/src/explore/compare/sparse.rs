@@ -1,6 +1,6 @@
 //! Products with sparse matrices stored by rows.
 
-use arlequin::core::sprs::{CsMat, TriMat};
+use arlequin::core::sprs::{CsMat, bmat, hstack};
 use std::ops::Range;
 
 /// Adds `scale (A x)_i` to `out[i]` for the rows of a range.
@@ -28,11 +28,14 @@ pub(super) fn transposed(a: &CsMat<f64>) -> CsMat<f64> {
 
 /// Returns `A` with row `i` times `factors[i]`.
 pub(super) fn scaled_rows(a: &CsMat<f64>, factors: &[f64]) -> CsMat<f64> {
-    let mut out = TriMat::with_capacity((a.rows(), a.cols()), a.nnz());
-    for (v, (i, j)) in a {
-        out.add_triplet(i, j, *v * factors[i]);
+    let mut out = a.clone();
+    for (i, factor) in factors.iter().enumerate() {
+        let mut row = out.outer_view_mut(i);
+        row.iter_mut()
+            .flat_map(|r| r.iter_mut())
+            .for_each(|(_, v)| *v *= factor);
     }
-    out.to_csr()
+    out
 }
 
 /// Returns `Aᵀ diag(d) A`.
@@ -42,20 +45,11 @@ pub(super) fn congruence(a: &CsMat<f64>, d: &[f64]) -> CsMat<f64> {
 
 /// Stacks two square matrices along the diagonal.
 pub(super) fn block_diagonal(a: &CsMat<f64>, b: &CsMat<f64>) -> CsMat<f64> {
-    let n = a.rows();
-    let size = n + b.rows();
-    let mut out = TriMat::with_capacity((size, size), a.nnz() + b.nnz());
-    a.iter().for_each(|(v, (i, j))| out.add_triplet(i, j, *v));
-    b.iter().for_each(|(v, (i, j))| out.add_triplet(n + i, n + j, *v));
-    out.to_csr()
+    bmat(&[[Some(a.view()), None], [None, Some(b.view())]])
 }
 
-/// Puts two matrices with equally many rows side by side, the second one negated and from column `split`
-/// on, in `size` columns in all.
-pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>, split: usize, size: usize) -> CsMat<f64> {
-    let mut out = TriMat::with_capacity((a.rows(), size), a.nnz() + b.nnz());
-    a.iter().for_each(|(v, (i, j))| out.add_triplet(i, j, *v));
-    b.iter()
-        .for_each(|(v, (i, j))| out.add_triplet(i, split + j, -*v));
-    out.to_csr()
+/// Puts two matrices with equally many rows side by side, the second one negated, in `size` columns in all.
+pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>, size: usize) -> CsMat<f64> {
+    let zeros = CsMat::zero((a.rows(), size - a.cols() - b.cols()));
+    hstack(&[a.view(), b.map(|x| -x).view(), zeros.view()]).to_csr()
 }

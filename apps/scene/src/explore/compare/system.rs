@@ -5,6 +5,7 @@ use super::tie::Tie;
 use crate::error::{Result, key};
 use arlequin::core::spectrum::critical_step;
 use arlequin::core::sprs::CsMat;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Places of the unknowns.
@@ -20,6 +21,35 @@ pub(super) struct Places {
     pub(super) moves: Vec<bool>,
     /// Number of unknowns of the coarse model, which come first.
     pub(super) split: usize,
+}
+
+impl Places {
+    /// Places of some unknowns, in increasing order.
+    pub(super) fn selected(&self, unknowns: &[usize]) -> Self {
+        let pick = |x: &[f64]| unknowns.iter().map(|k| x[*k]).collect::<Vec<f64>>();
+        Self {
+            x: pick(&self.x),
+            axial: pick(&self.axial),
+            across: pick(&self.across),
+            moves: unknowns.iter().map(|k| self.moves[*k]).collect(),
+            split: unknowns.iter().filter(|k| **k < self.split).count(),
+        }
+    }
+}
+
+/// Displacements, velocities and accelerations of all unknowns.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Motion {
+    pub(super) q: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    pub(super) a: Vec<f64>,
+}
+
+impl Motion {
+    /// Copies displacements and velocities.
+    pub(super) fn pair(&self) -> [Vec<f64>; 2] {
+        [self.q.clone(), self.v.clone()]
+    }
 }
 
 /// Weighted masses and stiffness.
@@ -60,7 +90,7 @@ impl System {
     }
 
     /// Critical step of a range of unknowns \[s\].
-    pub(super) fn critical(&self, range: std::ops::Range<usize>) -> Result<f64> {
+    pub(super) fn critical(&self, range: Range<usize>) -> Result<f64> {
         let inverse: Vec<f64> = (0..self.size())
             .map(|i| if range.contains(&i) { self.inverse[i] } else { 0.0 })
             .collect();
@@ -69,6 +99,34 @@ impl System {
             Ok(())
         };
         critical_step(&inverse, &mut forces).map_err(crate::error::core("compare"))
+    }
+
+    /// Computes the accelerations `−W K q` of a range of unknowns.
+    pub(super) fn accelerate(&self, m: &mut Motion, range: Range<usize>) {
+        m.a[range.clone()].fill(0.0);
+        add_product(&self.stiffness, &m.q, -1.0, range.clone(), &mut m.a);
+        range.for_each(|i| m.a[i] *= self.inverse[i]);
+    }
+
+    /// First part of a step of velocity Verlet: `v ← v + ½Δt a`, `q ← q + Δt v`.
+    pub(super) fn drift(m: &mut Motion, range: Range<usize>, dt: f64) {
+        for i in range {
+            m.v[i] += 0.5 * dt * m.a[i];
+            m.q[i] += dt * m.v[i];
+        }
+    }
+
+    /// Second part: the accelerations, and `v ← v + ½Δt a`.
+    pub(super) fn kick(&self, m: &mut Motion, range: Range<usize>, dt: f64) {
+        self.accelerate(m, range.clone());
+        range.for_each(|i| m.v[i] += 0.5 * dt * m.a[i]);
+    }
+
+    /// Multiplications of one step of the coarse model and of `own` steps of the fine one.
+    pub(super) fn work(&self, own: usize) -> f64 {
+        let start = self.stiffness.indptr();
+        let (coarse, all) = (start.index(self.places.split), start.index(self.size()));
+        (coarse + own * (all - coarse)) as f64
     }
 
     /// Returns `[½ mv² + ½ q (K q)]` of each unknown \[J\].
@@ -167,16 +225,8 @@ impl Lift {
     pub(super) fn reduced(&self) -> System {
         let back = transposed(&self.rows);
         let stiffness = &(&back * &self.whole.stiffness) * &self.rows;
-        let active: Vec<f64> = self.whole.mass.clone();
-        let mass = product(&back, &active);
-        let pick = |x: &[f64]| self.kept.iter().map(|k| x[*k]).collect::<Vec<f64>>();
-        let places = Places {
-            x: pick(&self.whole.places.x),
-            axial: pick(&self.whole.places.axial),
-            across: pick(&self.whole.places.across),
-            moves: self.kept.iter().map(|k| self.whole.places.moves[*k]).collect(),
-            split: self.kept.iter().filter(|k| **k < self.whole.places.split).count(),
-        };
+        let mass = product(&back, &self.whole.mass);
+        let places = self.whole.places.selected(&self.kept);
         let top = mass.iter().fold(0.0_f64, |a, b| a.max(*b));
         // A node that nothing follows has neither mass nor stiffness.
         let full: Vec<f64> = mass

@@ -6,8 +6,6 @@ use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::sparse::scaled_rows;
 use crate::explore::compare::system::System;
 use crate::explore::compare::tie::Tie;
-use arlequin::core::{Uniform, Weights};
-use std::sync::Arc;
 
 /// Energies weighted by elements and bonds; exact multipliers.
 pub(super) fn energy(case: &mut Case) -> Result<Reflections> {
@@ -19,8 +17,7 @@ pub(super) fn energy(case: &mut Case) -> Result<Reflections> {
 
 /// `β(x_i) M_i q̈_i = −α(x_i) (K q)_i`: forces and masses weighted at the nodes.
 pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
-    let one = || Weights::from_weight(Arc::new(Uniform(1.0)));
-    let plain = case.system(&[one(), one()])?;
+    let plain = case.plain_system()?;
     let weights = case.nodal_weights()?;
     let alpha = case.nodal_values([&*weights[0].internal, &*weights[1].internal]);
     let beta = case.nodal_values([&*weights[0].kinetic, &*weights[1].kinetic]);

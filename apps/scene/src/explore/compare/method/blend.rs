@@ -1,19 +1,84 @@
-//! Handshake: the weighted energies of both models in one field, without a constraint. Particles of the
-//! overlap follow the coarse model.
+//! Energies of both models in one field, without a constraint: weighted in the overlap (handshake), or the coarse
+//! energy of a zone replaced by that of its particles (ONIOM). Particles that follow the coarse model join them.
 
 use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::Reflections;
 use crate::explore::compare::system::{Lift, System};
-use arlequin::core::ShapeRow;
+use arlequin::core::geometry::Cell;
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::TriMat;
+use arlequin::core::{ShapeRow, Weight, Weights};
+use std::sync::Arc;
 
-/// Couples by a common field.
+/// Weights both energies; the particles of the overlap follow the coarse model.
 pub(super) fn blend(case: &mut Case) -> Result<Reflections> {
     let system = case.system(&case.weights())?;
     let followers = case.followers(false, [f64::NEG_INFINITY, case.width]);
     let (d, split) = (case.components(), case.places.split);
     Reflections::of_free(lift(system, &followers, d, split, |node, c| node * d + c))
+}
+
+/// Replaces the coarse energy beyond the middle of the overlap: a model of weight −1 takes it from the coarse model,
+/// so that each element counts whole or not at all. Bonds count whole that touch the zone; their ends outside, the
+/// link particles, have no mass and follow the coarse model.
+pub(super) fn oniom(case: &mut Case) -> Result<Reflections> {
+    let (origin, axis) = case.frame();
+    let zone = |part| -> Arc<dyn Weight<f64>> {
+        let origin = origin + axis * (0.5 * case.width);
+        Arc::new(Zone { origin, axis, part })
+    };
+    let coarse = Weights::from_weight(zone(Part::Outside));
+    let mut fine = Weights::from_weight(zone(Part::Inside));
+    fine.internal = zone(Part::Touching);
+    let system = case.system(&[coarse, fine])?;
+    let followers = case.followers(false, [f64::NEG_INFINITY, 0.5 * case.width]);
+    let (d, split) = (case.components(), case.places.split);
+    let followers: Vec<_> = followers
+        .into_iter()
+        .filter(|(k, _)| system.inverse[split + k * d] == 0.0)
+        .collect();
+    Reflections::of_free(lift(system, &followers, d, split, |node, c| node * d + c))
+}
+
+/// Cells that count.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    /// Elements whose centres are outside of the zone.
+    Outside,
+    /// Particles in the zone, and bonds between them.
+    Inside,
+    /// Bonds with an end in the zone.
+    Touching,
+}
+
+/// One for cells that count and zero for others.
+struct Zone {
+    origin: Point3<f64>,
+    axis: Vector3<f64>,
+    part: Part,
+}
+
+impl Weight<f64> for Zone {
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        // A particle on the border belongs to the zone.
+        let inside = (x - self.origin).dot(&self.axis) >= -1e-9 * self.origin.coords.amax();
+        f64::from(u8::from(inside != (self.part == Part::Outside)))
+    }
+
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        let [low, high] = cell.bounds();
+        // The corner of the box around a bond that lies farthest along the axis, or that which lies nearest.
+        let corner = |farthest: bool| {
+            let choose = |l: f64, h: f64, a: f64| if (a > 0.0) == farthest { h } else { l };
+            Point3::from(low.coords.zip_zip_map(&high.coords, &self.axis, choose))
+        };
+        self.value(&match self.part {
+            Part::Outside => arlequin::core::nalgebra::center(&low, &high),
+            Part::Inside => corner(false),
+            Part::Touching => corner(true),
+        })
+    }
 }
 
 /// Lets the displacements of some particles, whose unknowns begin at `first`, follow coarse nodes. Rotations

@@ -1,9 +1,10 @@
 //! Edge to edge: models that meet in one layer of particles, each tied to the coarse field there.
 
-use crate::error::{Result, key};
+use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::tie::Tie;
+use crate::spec::Method;
 use arlequin::core::sprs::{CsMat, TriMat};
 use arlequin::core::{Profile, Ramp, ShapeRow, Weights};
 use std::sync::Arc;
@@ -26,11 +27,9 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
         .filter(|(k, _)| system.inverse[split + k * d] > 0.0)
         .collect();
     if layer.is_empty() {
-        let path = format!("interface.{}.method", case.name());
-        return Err(key(
-            path,
-            "'edge' finds no particle in the middle layer of the overlap; take a finer model",
-        ));
+        let method = if strong { Method::Edge } else { Method::EdgeWeak };
+        let rule = "finds no particle in the middle layer of the overlap; take a finer model";
+        return Err(case.refusal(method, rule));
     }
     let mut rows = tied(&layer, d, split, system.size());
     if !strong {

@@ -3,6 +3,7 @@
 mod arlequin;
 mod augmented;
 mod blend;
+mod bridging;
 mod edge;
 mod multistep;
 mod penalty;
@@ -14,6 +15,9 @@ use super::reflections::Pace;
 use super::system::System;
 use crate::error::Result;
 use crate::spec::Method;
+#[cfg(test)]
+pub(super) use bridging::kernel;
+use multistep::{Multistep, Scheme};
 
 /// Two models coupled by a method, as a comparison sees them. Unknowns are those of [`Coupling::whole`].
 pub(super) trait Coupling {
@@ -32,11 +36,11 @@ pub(super) trait Coupling {
     /// Displacements and velocities of all unknowns.
     fn motion(&self) -> [Vec<f64>; 2];
 
-    /// Energy that an exact method would keep \[J\].
-    fn energy(&self) -> f64;
-
-    /// Momentum along the axis \[kg m/s\], and the sum of its moduli.
-    fn momentum(&self) -> [f64; 2];
+    /// Energy that an exact method would keep \[J\]; `½ vᵀMv + ½ qᵀKq` where no better one is known.
+    fn energy(&self) -> f64 {
+        let [q, v] = self.motion();
+        self.whole().energies(&q, &v).iter().sum()
+    }
 
     /// Multiplications of one step of the run.
     fn work(&self) -> f64;
@@ -45,7 +49,9 @@ pub(super) trait Coupling {
     ///
     /// # Errors
     /// An iteration that does not end.
-    fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>>;
+    fn equilibrium(&self, _q: &[f64], _held: &[bool]) -> Result<Option<Vec<f64>>> {
+        Ok(None)
+    }
 }
 
 /// Couples the models of a case.
@@ -63,8 +69,10 @@ pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Bo
         Method::Penalty => Box::new(penalty::penalty(case, penalty)?),
         Method::Augmented => Box::new(augmented::augmented(case)?),
         Method::Blend => Box::new(blend::blend(case)?),
-        Method::Gc => Box::new(multistep::Multistep::gravouil_combescure(case)?),
-        Method::Ph => Box::new(multistep::Multistep::prakash_hjelmstad(case)?),
+        Method::Oniom => Box::new(blend::oniom(case)?),
+        Method::BridgingScale => Box::new(bridging::Bridging::new(case)?),
+        Method::Gc => Box::new(Multistep::new(case, Scheme::GravouilCombescure)?),
+        Method::Ph => Box::new(Multistep::new(case, Scheme::PrakashHjelmstad)?),
         Method::Schwarz => Box::new(schwarz::Schwarz::new(case)?),
         Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, None)?),
         Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(

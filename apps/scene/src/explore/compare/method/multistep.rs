@@ -5,8 +5,8 @@ use super::Coupling;
 use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::Pace;
-use crate::explore::compare::sparse::{add_product, congruence, product, transposed};
-use crate::explore::compare::system::System;
+use crate::explore::compare::sparse::{congruence, product, transposed};
+use crate::explore::compare::system::{Motion, System};
 use crate::explore::compare::tie::{Tie, pseudo_inverse};
 use arlequin::core::sprs::{CsMat, TriMat};
 use std::ops::Range;
@@ -17,20 +17,12 @@ const OWN: usize = 5;
 
 /// The two schemes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Scheme {
+pub(super) enum Scheme {
     /// Velocities are equal at every own step of the fine model; between steps of the run the coarse
     /// velocity is linear in time. Loses energy.
     GravouilCombescure,
     /// Velocities are equal at steps of the run; multipliers are linear in time between them.
     PrakashHjelmstad,
-}
-
-/// Displacements, velocities and accelerations, the constraint's part included.
-#[derive(Debug, Clone, Default)]
-struct Motion {
-    q: Vec<f64>,
-    v: Vec<f64>,
-    a: Vec<f64>,
 }
 
 /// Two models with multipliers at own steps.
@@ -43,6 +35,7 @@ pub(super) struct Multistep {
     /// Exact projection for the start.
     start: Tie,
     pace: Pace,
+    /// Accelerations include the constraint's part.
     now: Motion,
     lambda: Vec<f64>,
     /// Coarse velocity at the last step of the run without its last multiplier.
@@ -50,20 +43,11 @@ pub(super) struct Multistep {
 }
 
 impl Multistep {
-    /// Couples by the scheme of Gravouil and Combescure.
-    pub(super) fn gravouil_combescure(case: &mut Case) -> Result<Self> {
-        Self::new(case, Scheme::GravouilCombescure)
-    }
-
-    /// Couples by the scheme of Prakash and Hjelmstad.
-    pub(super) fn prakash_hjelmstad(case: &mut Case) -> Result<Self> {
-        Self::new(case, Scheme::PrakashHjelmstad)
-    }
-
-    fn new(case: &mut Case, scheme: Scheme) -> Result<Self> {
+    /// Couples by a scheme with at most `most` own steps within a step of the run.
+    pub(super) fn new(case: &mut Case, scheme: Scheme) -> Result<Self> {
         let system = case.system(&case.weights())?;
         let rows = case.coupling(&system)?;
-        let pace = Pace::of_at_most(OWN, &system)?;
+        let pace = Pace::at_most(OWN, &system)?;
         let start = Tie::exact(rows.clone(), &system.inverse)?;
         let mut out = Self {
             lambda: vec![0.0; rows.rows()],
@@ -92,36 +76,23 @@ impl Multistep {
     fn operator(&self, rows: &CsMat<f64>) -> CsMat<f64> {
         let back = transposed(rows);
         let split = self.system.places.split;
-        let half = |i: usize| {
-            0.5 * if i < split {
-                self.pace.step
-            } else {
-                self.own_step()
-            }
-        };
-        let scaled: Vec<f64> = self
-            .system
-            .inverse
-            .iter()
-            .enumerate()
-            .map(|(i, w)| half(i) * w)
-            .collect();
+        let half = [0.5 * self.pace.step, 0.5 * self.own_step()];
+        let scale = |(i, w): (usize, &f64)| half[usize::from(i >= split)] * w;
+        let mut scaled: Vec<f64> = self.system.inverse.iter().enumerate().map(scale).collect();
         if self.scheme == Scheme::GravouilCombescure {
             return congruence(&back, &scaled);
         }
         // The fine model's answer to a multiplier that grows from zero over the step of the run.
-        let coarse: Vec<f64> = (0..self.system.size())
-            .map(|i| if i < split { scaled[i] } else { 0.0 })
-            .collect();
+        scaled[split..].fill(0.0);
         let mut out = TriMat::new((rows.rows(), rows.rows()));
-        congruence(&back, &coarse)
-            .iter()
-            .for_each(|(v, (i, j))| out.add_triplet(i, j, *v));
+        let coarse = congruence(&back, &scaled);
+        coarse.iter().for_each(|(v, (i, j))| out.add_triplet(i, j, *v));
         let mut unit = vec![0.0; rows.rows()];
+        let zeros = vec![0.0; self.system.size()];
         let rest = Motion {
-            q: vec![0.0; self.system.size()],
-            v: vec![0.0; self.system.size()],
-            a: vec![0.0; self.system.size()],
+            q: zeros.clone(),
+            v: zeros.clone(),
+            a: zeros,
         };
         for j in 0..rows.rows() {
             unit[j] = 1.0;
@@ -135,18 +106,10 @@ impl Multistep {
         out.to_csr()
     }
 
-    /// Predicts displacements after a step and the velocity without the constraint.
+    /// Makes a step without the constraint.
     fn predict(&self, m: &mut Motion, range: Range<usize>, dt: f64) {
-        for i in range.clone() {
-            m.q[i] += dt * m.v[i] + 0.5 * dt * dt * m.a[i];
-            m.v[i] += 0.5 * dt * m.a[i];
-        }
-        m.a[range.clone()].fill(0.0);
-        add_product(&self.system.stiffness, &m.q, -1.0, range.clone(), &mut m.a);
-        for i in range {
-            m.a[i] *= self.system.inverse[i];
-            m.v[i] += 0.5 * dt * m.a[i];
-        }
+        System::drift(m, range.clone(), dt);
+        self.system.kick(m, range, dt);
     }
 
     /// Own steps of the fine model under multipliers that end as `end` and begin as `begin`, or as zero;
@@ -218,15 +181,18 @@ impl Coupling for Multistep {
         let (mut q, mut v) = (q.to_vec(), v.to_vec());
         self.start.project(&mut q, inverse);
         self.start.project(&mut v, inverse);
-        let mut a = vec![0.0; q.len()];
-        add_product(&self.system.stiffness, &q, -1.0, 0..q.len(), &mut a);
-        a.iter_mut().zip(inverse).for_each(|(a, w)| *a *= w);
-        self.lambda = self.start.solve(&product(&self.start.rows, &a));
+        let mut now = Motion {
+            a: vec![0.0; q.len()],
+            q,
+            v,
+        };
+        self.system.accelerate(&mut now, 0..inverse.len());
+        self.lambda = self.start.solve(&product(&self.start.rows, &now.a));
         let push = self.start.push(&self.lambda, inverse);
-        a.iter_mut().zip(&push).for_each(|(a, p)| *a -= p);
-        let coarse = v.iter().zip(&push).take(self.system.places.split);
+        now.a.iter_mut().zip(&push).for_each(|(a, p)| *a -= p);
+        let coarse = now.v.iter().zip(&push).take(self.system.places.split);
         self.free = coarse.map(|(v, p)| v + 0.5 * self.pace.step * p).collect();
-        self.now = Motion { q, v, a };
+        self.now = now;
     }
 
     fn advance(&mut self) {
@@ -245,27 +211,15 @@ impl Coupling for Multistep {
     }
 
     fn motion(&self) -> [Vec<f64>; 2] {
-        [self.now.q.clone(), self.now.v.clone()]
-    }
-
-    /// `½ vᵀMv + ½ qᵀKq` at steps of the run.
-    fn energy(&self) -> f64 {
-        self.system.energies(&self.now.q, &self.now.v).iter().sum()
-    }
-
-    fn momentum(&self) -> [f64; 2] {
-        self.system.momentum(&self.now.v)
+        self.now.pair()
     }
 
     fn work(&self) -> f64 {
-        let indptr = self.system.stiffness.indptr();
-        let start = indptr.raw_storage();
-        let (coarse, all) = (start[self.system.places.split], start[self.system.size()]);
-        let fine = (self.pace.own * (all - coarse)) as f64;
-        // One scheme answers at every own step, the other makes the own steps twice.
+        let own = self.pace.own;
+        // One scheme answers at every own step, the other makes the own steps of the fine model twice.
         match self.scheme {
-            Scheme::GravouilCombescure => coarse as f64 + fine + self.pace.own as f64 * self.tie.work(),
-            Scheme::PrakashHjelmstad => coarse as f64 + 2.0 * fine + self.tie.work(),
+            Scheme::GravouilCombescure => self.system.work(own) + own as f64 * self.tie.work(),
+            Scheme::PrakashHjelmstad => 2.0 * self.system.work(own) - self.system.work(0) + self.tie.work(),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Quasicontinuum: particles everywhere, of which those of the coarse region follow the coarse mesh.
 
 use super::blend::lift;
-use crate::error::{Result, value};
+use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::sparse::block_diagonal;
@@ -35,30 +35,35 @@ pub(super) fn quasicontinuum(case: &mut Case, cluster: Option<f64>) -> Result<Re
         Some(half) => {
             let weight = clusters(case, half * case.spacing[1]);
             if weight.factor < LEAST_FACTOR {
-                let path = format!("interface.{}.method", case.name());
                 let rule = "has clusters that meet, so that all bonds are summed; take a coarser mesh or quasicontinuum";
-                return Err(value(path, Method::QuasicontinuumClusters.name(), rule));
+                return Err(case.refusal(Method::QuasicontinuumClusters, rule));
             }
             case.fine_system(&weight)?
         }
     };
     let followers = case.followers(true, [f64::NEG_INFINITY, middle]);
     let (d, split) = (case.components(), case.places.split);
-    // The mesh has no law of its own: it lends its shape functions.
-    let (coarse, fine) = (&case.places, &particles.places);
-    let join = |a: &[f64], b: &[f64]| a[..split].iter().chain(b).copied().collect::<Vec<f64>>();
+    let mesh = case.places.selected(&(0..split).collect::<Vec<_>>());
+    let whole = massless(&mesh, particles);
+    Reflections::of_free(lift(whole, &followers, d, split, |node, c| node * d + c))
+}
+
+/// Puts a mesh without a law of its own, which lends its shape functions, before the particles.
+pub(super) fn massless(mesh: &Places, particles: System) -> System {
+    let split = mesh.x.len();
+    let join = |a: &[f64], b: &[f64]| [a, b].concat();
+    let places = &particles.places;
     let places = Places {
-        x: join(&coarse.x, &fine.x),
-        axial: join(&coarse.axial, &fine.axial),
-        across: join(&coarse.across, &fine.across),
-        moves: coarse.moves[..split].iter().chain(&fine.moves).copied().collect(),
+        x: join(&mesh.x, &places.x),
+        axial: join(&mesh.axial, &places.axial),
+        across: join(&mesh.across, &places.across),
+        moves: [&*mesh.moves, &places.moves].concat(),
         split,
     };
     let mass = join(&vec![0.0; split], &particles.mass);
     let full = join(&vec![1.0; split], &particles.mass);
     let stiffness = block_diagonal(&CsMat::zero((split, split)), &particles.stiffness);
-    let whole = System::new(Arc::new(places), mass, &full, stiffness);
-    Reflections::of_free(lift(whole, &followers, d, split, |node, c| node * d + c))
+    System::new(Arc::new(places), mass, &full, stiffness)
 }
 
 /// Weight of the bonds near the layers of coarse nodes, as many times as large as they are rare.
