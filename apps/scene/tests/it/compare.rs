@@ -172,7 +172,8 @@ fn a_memory_takes_short_waves() {
         0.01,
     );
     within("reflected", bridging.down, own.down, 0.02);
-    within("random state", bridging.drift, -1.0, -0.5);
+    // Lost at first, and gained slowly later.
+    within("random state", bridging.drift.abs(), 0.05, 2.0);
     within("momentum", bridging.momentum, 1e-6, 0.1);
     within("cost", bridging.cost, 1.5, 4.0);
     assert!(bridging.patch.is_none(), "it has no energy to minimise");

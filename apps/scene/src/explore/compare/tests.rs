@@ -81,7 +81,6 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
             let (wave, time) = waves.pulse(true);
             let [before, _, after] = run(&mut *coupling, &wave, time);
             let change = after / before - 1.0;
-            println!("{alpha} {word:?} {change} {wanted}");
             assert!(
                 (change - wanted).abs() < 0.1,
                 "{alpha}, {word:?}: {change}, not {wanted}"
@@ -90,30 +89,20 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
     }
 }
 
-/// Decision 0029: multipliers at five own steps lose 73 to 90 % of a random state, or multiply it by 2.8 to 5.3. How
-/// much depends on the share of the overlap in the line.
+/// Decision 0029: multipliers at five own steps lose 73 to 90 % of a random state, or multiply it by 2.8 to 5.3. The
+/// loss is that of a short line, in which the overlap has a large share.
 #[test]
 fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
-    for (end_of_chain, word, [low, high]) in [(0.1, Method::Gc, [-0.9, -0.73]), (0.3, Method::Ph, [1.8, 4.3])]
-    {
-        let text = example("bar-1d")
-            .replace("to = 0.3,", &format!("to = {end_of_chain},"))
-            .replace(
-                "from = 0.28, to = 0.58",
-                &format!(
-                    "from = {}, to = {}",
-                    end_of_chain - 0.02,
-                    2.0 * end_of_chain - 0.04
-                ),
-            )
-            .replace("fine = [0.28,", &format!("fine = [{},", end_of_chain - 0.02))
-            .replace("coarse = [0.3,", &format!("coarse = [{end_of_chain},"));
+    let long = example("bar-1d");
+    let short = long
+        .replace("from = 0.0, to = 0.3,", "from = 0.2, to = 0.3,")
+        .replace("to = 0.58,", "to = 0.36,");
+    for (text, word, [low, high]) in [(short, Method::Gc, [-0.9, -0.73]), (long, Method::Ph, [1.8, 4.3])] {
         let mut case = case(&text, &[]);
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
         assert_eq!(coupling.pace().own, 5);
         let waves = Waves::new(&case, &*coupling);
         let drift = noise(&mut *coupling, &waves).drift;
-        println!("{word:?} {drift}");
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
     }
 }
@@ -204,8 +193,8 @@ fn the_bridging_scale_keeps_uniform_states() {
     let mut coupling = couple(&mut case, Method::BridgingScale, 1.0).unwrap();
     let x = coupling.whole().places.x.clone();
     coupling.reset(&x, &vec![0.0; x.len()]);
-    // Until the waves from the free ends arrive.
-    for _ in 0..300 {
+    // Until the waves from the free ends arrive, by one element a step at most.
+    for _ in 0..35 {
         coupling.advance();
     }
     let [q, _] = coupling.motion();
