@@ -104,15 +104,17 @@ pub enum Method {
     Augmented,
     /// Weighted energies of one field: particles of the overlap follow the coarse model.
     Blend,
-    /// The coarse energy of a zone is replaced by that of its particles; those beside it follow the coarse model.
+    /// The coarse energy of a zone is replaced by that of its particles; those beside it follow the coarse
+    /// model.
     Oniom,
-    /// Coarse model everywhere, particles in a zone with the force of those that are left out (on a line only).
+    /// Coarse model everywhere, particles in a zone with the force of those that are left out (on a line
+    /// only).
     BridgingScale,
     /// Scheme of Gravouil and Combescure: multipliers at the own steps of the fine model.
     Gc,
     /// Scheme of Prakash and Hjelmstad: multipliers linear within a step of the run.
     Ph,
-    /// Overlapping Schwarz alternation: each model is led by the other at its border.
+    /// Overlapping Schwarz alternation: each model takes the motion of the other at its border.
     Schwarz,
     /// Particles everywhere; those of the coarse region follow the coarse mesh, and all bonds are summed.
     Quasicontinuum,

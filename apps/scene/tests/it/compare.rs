@@ -160,8 +160,9 @@ fn a_replaced_energy_has_ghost_forces() {
     );
 }
 
-/// Wagner and Liu (2003): the memory at the end of the zone takes what the coarse model cannot carry. A wave that
-/// both carry is sent back a little (Tang, Hou and Liu 2006), and the coarse model does not know what was lost.
+/// Wagner and Liu (2003): the memory at the end of the zone takes what the coarse model cannot carry. A
+/// wave that both carry is sent back a little (Tang, Hou and Liu 2006), and the coarse model does not know
+/// what was lost.
 #[test]
 fn a_memory_takes_short_waves() {
     let [own, bridging] = rows(board(&scene("bar-1d.toml"), &[Method::BridgingScale], 1.0));

@@ -89,8 +89,8 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
     }
 }
 
-/// Decision 0029: multipliers at five own steps lose 73 to 90 % of a random state, or multiply it by 2.8 to 5.3. The
-/// loss is that of a short line, in which the overlap has a large share.
+/// Decision 0029: multipliers at five own steps lose 73 to 90 % of a random state, or multiply it by 2.8 to
+/// 5.3. The loss is that of a short line, in which the overlap has a large share.
 #[test]
 fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
     let long = example("bar-1d");
@@ -107,8 +107,8 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
     }
 }
 
-/// The cantilever of Norma.jl (Sandia), released from a bent shape: its alternation changed the energy by −91 to
-/// +275 % in 1 ms, by mesh ratio and overlap.
+/// The cantilever of Norma.jl (Sandia), released from a bent shape: its alternation changed the energy by
+/// −91 to +275 % in 1 ms, by mesh ratio and overlap.
 #[test]
 fn alternation_changes_the_energy_of_a_cantilever() {
     let mut range = [f64::INFINITY, f64::NEG_INFINITY];
@@ -151,8 +151,8 @@ fn alternation_changes_the_energy_of_a_cantilever() {
     assert!(loss < -0.03 && gain > 1.0 && gain < 2.75, "{range:?}");
 }
 
-/// The kernel of the bridging scale is the answer of a chain that is long enough: with the displacement of its
-/// first particle given, the second one moves as the convolution says.
+/// The kernel of the bridging scale is the answer of a chain that is long enough: with the displacement of
+/// its first particle given, the second one moves as the convolution says.
 #[test]
 fn the_kernel_is_the_answer_of_a_long_chain() {
     let r: f64 = 0.7;

@@ -1,5 +1,6 @@
-//! Energies of both models in one field, without a constraint: weighted in the overlap (handshake), or the coarse
-//! energy of a zone replaced by that of its particles (ONIOM). Particles that follow the coarse model join them.
+//! Energies of both models in one field, without a constraint: weighted in the overlap (handshake), or the
+//! coarse energy of a zone replaced by that of its particles (ONIOM). Particles that follow the coarse
+//! model join them.
 
 use crate::error::Result;
 use crate::explore::compare::case::Case;
@@ -19,9 +20,9 @@ pub(super) fn blend(case: &mut Case) -> Result<Reflections> {
     Reflections::of_free(lift(system, &followers, d, split, |node, c| node * d + c))
 }
 
-/// Replaces the coarse energy beyond the middle of the overlap: a model of weight −1 takes it from the coarse model,
-/// so that each element counts whole or not at all. Bonds count whole that touch the zone; their ends outside, the
-/// link particles, have no mass and follow the coarse model.
+/// Replaces the coarse energy beyond the middle of the overlap: a model of weight −1 takes it from the
+/// coarse model, so that each element counts whole or not at all. Bonds count whole that touch the zone;
+/// their ends outside, the link particles, have no mass and follow the coarse model.
 pub(super) fn oniom(case: &mut Case) -> Result<Reflections> {
     let (origin, axis) = case.frame();
     let zone = |part| -> Arc<dyn Weight<f64>> {

@@ -1,8 +1,8 @@
-//! Bridging scale (Wagner and Liu 2003): the coarse model everywhere, particles in a zone, and at the end of the
-//! zone the force of the particles that are not there.
+//! Bridging scale (Wagner and Liu 2003): the coarse model everywhere, particles in a zone, and at the end
+//! of the zone the force of the particles that are not there.
 //!
-//! The slope of the coarse field beside the end is that of the middle of an element, which sends back a little of a
-//! wave that both models carry (Tang, Hou and Liu 2006).
+//! The slope of the coarse field beside the end is that of the middle of an element, which sends back a
+//! little of a wave that both models carry (Tang, Hou and Liu 2006).
 
 use super::Coupling;
 use super::quasicontinuum::massless;
@@ -16,8 +16,8 @@ use arlequin::core::Uniform;
 use arlequin::core::sprs::{CsMat, TriMat};
 use std::ops::Range;
 
-/// Steps of the past that act at the end of the zone. The kernel falls with the power −3/2 of time and changes
-/// its sign, so that what is left out is 1e-5 of it.
+/// Steps of the past that act at the end of the zone. The kernel falls with the power −3/2 of time and
+/// changes its sign, so that what is left out is 1e-5 of it.
 const MEMORY: usize = 1000;
 /// Largest difference between the bonds, and between the masses, of equal neighbours.
 const EQUAL: f64 = 1e-9;
@@ -109,8 +109,8 @@ impl Bridging {
         }
     }
 
-    /// Computes the accelerations of the particles and `d̈ = Nᵀ f / Nᵀ m`. At the end of the zone the neighbour is at
-    /// `N d + Σ θ_k (q − N d)(t − k Δt)`, and both models take the force of the bond to it.
+    /// Computes the accelerations of the particles and `d̈ = Nᵀ f / Nᵀ m`. At the end of the zone the
+    /// neighbour is at `N d + Σ θ_k (q − N d)(t − k Δt)`, and both models take the force of the bond to it.
     fn accelerate(&mut self) {
         self.follow();
         let [last, neighbour] = self.end;
@@ -164,15 +164,15 @@ impl Coupling for Bridging {
         ]
     }
 
-    /// Counts three entries in a row of the chain and two shape functions for each particle of the zone, three
-    /// entries in a row for each coarse node, and the memory.
+    /// Counts three entries in a row of the chain and two shape functions for each particle of the zone,
+    /// three entries in a row for each coarse node, and the memory.
     fn work(&self) -> f64 {
         (5 * self.zone.len() + 3 * self.shapes.cols() + self.kernel.len()) as f64
     }
 }
 
-/// Finds the last particle of the zone, which lies on a coarse node near the middle of the overlap, its neighbour
-/// outside, and the node.
+/// Finds the last particle of the zone, which lies on a coarse node near the middle of the overlap, its
+/// neighbour outside, and the node.
 fn end_of_zone(case: &Case, chain: &System, nodes: &[f64]) -> Option<([usize; 2], usize)> {
     let off = |k: &usize| (nodes[*k] - 0.5 * case.width).abs();
     let node = (0..nodes.len()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
@@ -199,9 +199,9 @@ fn equal_neighbours(chain: &System) -> bool {
     inner && n > 2 && chain.stiffness.nnz() == 3 * n - 2
 }
 
-/// Returns `θ_1, θ_2, …` with `r = Δt² k/m`. A chain of neighbours under velocity Verlet answers to the motion of
-/// its end by `Θ(w)` with `(1/w − 2 + w)/r + 2 = Θ + 1/Θ`, `w` the shift by a step; the series of `Θ` follows from
-/// `θ_n = (2 − 2r) θ_{n−1} − θ_{n−2} + r (δ_{n1} + Σ θ_k θ_{n−1−k})`.
+/// Returns `θ_1, θ_2, …` with `r = Δt² k/m`. A chain of neighbours under velocity Verlet answers to the
+/// motion of its end by `Θ(w)` with `(1/w − 2 + w)/r + 2 = Θ + 1/Θ`, `w` the shift by a step; the series of
+/// `Θ` follows from `θ_n = (2 − 2r) θ_{n−1} − θ_{n−2} + r (δ_{n1} + Σ θ_k θ_{n−1−k})`.
 pub(in crate::explore::compare) fn kernel(r: f64) -> Vec<f64> {
     let mut out = vec![0.0, r];
     for n in 2..=MEMORY {

@@ -1,5 +1,6 @@
-//! Overlapping Schwarz alternation: both models keep their full weight in the overlap. Each takes the motion of
-//! the other at its border, and both repeat a step of the run from its start until these motions agree.
+//! Overlapping Schwarz alternation: both models keep their full weight in the overlap. Each takes the
+//! motion of the other at its border, and both repeat a step of the run from its start until these motions
+//! agree.
 
 use super::Coupling;
 use crate::error::{Result, key};
