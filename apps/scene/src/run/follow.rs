@@ -209,7 +209,7 @@ impl Follow {
         }
         if !saved.conversions.is_empty() {
             let moved = self.moving.moved(&saved.core)?;
-            let (change, mediator) = moved.rezoning()?;
+            let (change, mediator) = moved.rezoning(&self.moving)?;
             run.rezone(change).map_err(core("zone"))?;
             self.mediator = Some(mediator);
             self.shares = moved.shares()?;
@@ -224,7 +224,7 @@ impl Follow {
         let shares = moved.shares()?;
         let cells = |shares: &[Share]| shares.iter().filter(|s| **s == Share::Zone).count();
         let before = cells(&self.shares);
-        let (change, mediator) = moved.rezoning()?;
+        let (change, mediator) = moved.rezoning(&self.moving)?;
         let done = run.rezone(change).map_err(core("time"))?;
         self.mediator = Some(mediator);
         // The overlap may take elements of its own accord: what the zone has is what the division says.

@@ -132,8 +132,17 @@ impl<T: Real> Group<'_, T> {
                 .any(|t| partly(&|x| t.extent.cover(x, T::zero()) == Cover::Inside))
     }
 
+    /// Returns whether a box has places to look at.
+    pub(super) fn is_near(&self, bounds: &[Point3<T>; 2]) -> bool {
+        self.near.is_none_or(|near| near(bounds))
+    }
+
     /// Checks the sums of weights at a point and adds the point to the measures of the group.
     fn visit(&mut self, s: &Station<'_, T>) {
+        // Extents are not whole elsewhere.
+        if !self.is_near(&[*s.point; 2]) {
+            return;
+        }
         let tolerance = super::tolerance::<T>();
         for (k, o) in self.members.iter().enumerate() {
             self.covers[k] = if k == s.member {

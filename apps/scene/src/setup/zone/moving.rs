@@ -17,8 +17,9 @@ use crate::setup::support;
 use crate::setup::weights::model_weights;
 use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive};
 use crate::spec::{CriterionKind, EffectKind, FollowTable};
-use arlequin::core::nalgebra::Point3;
-use arlequin::core::{Response, Rezoning};
+use arlequin::core::geometry::{BoxTree, bounds_of};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Changed, Response, Rezoning};
 use arlequin::fem_ref::Mesh;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -231,11 +232,39 @@ impl Moving {
         })
     }
 
-    /// Returns the change of weights that brings a run to this zone, and the new mediator for output.
+    /// Returns where the weights of this zone may differ from those of the zone `before`.
+    fn changed_since(&self, before: &Self) -> Result<Arc<Changed<f64>>> {
+        let [old, new] = [before, self].map(|m| m.piece.cut.division(&m.folder));
+        let (old, new) = (old?, new?);
+        let mesh = new.field.mesh();
+        let differs = |e: &usize| {
+            let moved = |k: &u32| {
+                let [a, b] = [old, new].map(|d| d.zones[0].positions[*k as usize]);
+                a.to_bits() != b.to_bits()
+            };
+            old.owners[*e] != new.owners[*e]
+                || matches!(new.owners[*e], Owner::Both(_)) && mesh.element(*e).iter().any(moved)
+        };
+        // A point slightly outside of the body has the position of an element beside it.
+        let margin = Vector3::repeat(mesh.spacing());
+        let box_of = |e: usize| {
+            let corners = mesh.element(e).iter();
+            let [low, high] = bounds_of(corners.map(|k| &mesh.nodes()[*k as usize]));
+            [low - margin, high + margin]
+        };
+        let elements = (0..mesh.element_count()).filter(differs);
+        let tree = BoxTree::new(elements.map(box_of).collect());
+        Ok(Arc::new(move |bounds: &[Point3<f64>; 2]| {
+            tree.any(bounds, &mut |_| true)
+        }))
+    }
+
+    /// Returns the change of weights that brings a run from the zone `before` to this one, and the new
+    /// mediator for output.
     ///
     /// # Errors
     /// See [`Self::moved`].
-    pub(crate) fn rezoning(&self) -> Result<(Rezoning<f64>, Grid)> {
+    pub(crate) fn rezoning(&self, before: &Self) -> Result<(Rezoning<f64>, Grid)> {
         let overlap = self.piece.overlap(&self.folder)?;
         let shape = BodyShape::Piece(self.piece.clone());
         let place = (&self.table, self.folder.as_path());
@@ -247,8 +276,9 @@ impl Moving {
             weights.push((m, model_weights(m, &joints)?));
         }
         let [built] = joints;
-        let mut change =
-            Rezoning::new(vec![built.spec]).with_responses(self.models()[1], self.responses.clone());
+        let mut change = Rezoning::new(vec![built.spec])
+            .with_responses(self.models()[1], self.responses.clone())
+            .with_changes(self.changed_since(before)?);
         for (m, w) in weights {
             change = change.with_weights(m, w);
             let [first, last] = drive::simple_effects(&self.scene, m)?;
