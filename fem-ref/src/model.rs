@@ -13,7 +13,7 @@ use crate::mesh::Mesh;
 use crate::portion::Part;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
-use arlequin_core::geometry::bounds_of;
+use arlequin_core::geometry::inner_bounds;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
     Boundary, Changed, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials,
@@ -261,9 +261,9 @@ impl<T: Real> Model<T> for FemModel<T> {
         changed: &Changed<T>,
     ) -> arlequin_core::Result<()> {
         let mean = |(e, old): (usize, &T)| {
-            let corners = self.mesh().element(e).iter();
-            let bounds = bounds_of(corners.map(|k| &self.mesh().nodes()[*k as usize]));
-            if changed(&bounds) {
+            let mut cells = Vec::new();
+            self.field.cells_of(e, &mut cells);
+            if cells.iter().any(|c| changed(&inner_bounds(c))) {
                 self.element_mean(e, alpha)
             } else {
                 *old

@@ -64,6 +64,8 @@ pub(crate) struct Follow {
     /// Elements so near to others outside of the zone that bonds in them can bring these along.
     rim: Vec<bool>,
     quiet: Quiet,
+    /// Probes of the body that lie in the zone by now.
+    stale: Vec<String>,
     middles: Vec<Vector3<f64>>,
     /// For each element: the support for which it stays with the body.
     barred: Vec<Option<usize>>,
@@ -145,6 +147,7 @@ impl Follow {
         let mut out = Self {
             quiet: Quiet::new(field, &centres, of_elements)?,
             rim: Vec::new(),
+            stale: Vec::new(),
             state: Followed {
                 core: shares.iter().map(|s| *s == Share::Zone).collect(),
                 conversions: Vec::new(),
@@ -164,6 +167,21 @@ impl Follow {
         };
         out.rim = out.rim();
         Ok(Some(out))
+    }
+
+    /// Warns of probes of the body that the zone has reached.
+    fn stale_probes(&mut self, time: f64) -> Result<Vec<String>> {
+        let (zone, mut out) = (&self.moving.name, Vec::new());
+        for name in self.moving.probes_asleep()? {
+            if self.stale.iter().all(|s| s != name) {
+                self.stale.push(name.to_owned());
+                out.push(format!(
+                    "probe '{name}' of 'body' lies in zone '{zone}' since t = {time:.4e} s: the body's elements sleep there and no \
+                     longer change; give it model = \"{zone}\""
+                ));
+            }
+        }
+        Ok(out)
     }
 
     fn rim(&self) -> Vec<bool> {
@@ -203,7 +221,10 @@ impl Follow {
         }
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
-                Ok(moved) => self.change(moved, run, since)?,
+                Ok(moved) => {
+                    self.change(moved, run, since)?;
+                    warnings.extend(self.stale_probes(run.time())?);
+                }
                 Err(e) => {
                     warnings.push(format!(
                         "zone '{}' cannot grow to where bonds are loaded: {}",
@@ -252,6 +273,7 @@ impl Follow {
             spheres,
             work: done.work,
             parts: [done.potential, done.kinetic, done.rigid, done.start],
+            closing: done.closing,
             seconds: since.elapsed().as_secs_f64(),
         });
         (self.moving, self.shares) = (moved, shares);

@@ -24,16 +24,15 @@ impl<T: Real> Group<'_, T> {
                 continue;
             }
             // The bonds of a packing are not known here: lines between neighbours stand for them.
-            let lines = m.particles().map(|p| {
+            let lines = m.extent.particles().map(|p| {
                 let mut lines = lines_between(p);
-                lines.retain(|l| self.is_near(&l.bounds()));
                 lines.retain(|l| (0..self.kinds).all(|kind| is_beside_jumps(m.weight(kind), l)));
                 lines
             });
             let cells = lines.as_deref().unwrap_or(m.extent.cells());
             let slack = T::of(if lines.is_some() { JUMP } else { 0.0 });
             for (kind, share) in KINDS.into_iter().enumerate().take(self.kinds) {
-                for cell in cells.iter().filter(|c| self.is_near(&c.bounds())) {
+                for cell in cells {
                     if let Some(fault) = mean_defect(m.weight(kind), cell, slack) {
                         return Err(Error::WeightMean {
                             model: m.name(),

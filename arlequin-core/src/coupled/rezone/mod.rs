@@ -136,6 +136,10 @@ pub struct Rezoned<T: Real> {
     pub rigid: T,
     /// Remaining part: the consistent start.
     pub start: T,
+    /// Share of the start: change of the internal energy as jumps between the displacements are closed. They
+    /// close in the metric of the masses, which is not that of the energy, so that this is nearly always
+    /// positive.
+    pub closing: T,
     /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each body of [`Coupled::bodies`], about its
     /// centre.
     pub motions: Vec<[Vector3<T>; 2]>,
@@ -224,6 +228,7 @@ impl<T: Real> Coupled<T> {
         // Jumps of any size are removed. At set-up a large jump is a fault of the input; a jump here comes
         // from the transfer.
         self.start_positions(Jumps::Removed)?;
+        let closing = self.energies()[0] - energies[1][0];
         let [potential, kinetic] = [0, 1].map(|k| energies[1][k] - energies[0][k]);
         let before = self.kinetic_energy();
         // The statements below keep the momenta, so one rigid motion restores them for good.
@@ -249,6 +254,7 @@ impl<T: Real> Coupled<T> {
             kinetic,
             rigid,
             start,
+            closing,
             motions,
             awake: awake.map(|(g, s)| [g.awake(), Giver::new(s).awake()]).collect(),
         })
