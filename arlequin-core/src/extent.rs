@@ -3,6 +3,7 @@
 use crate::Real;
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::{BoxTree, Cell, HalfSpace, Sample, bounds_of};
+use crate::weight::Changed;
 use nalgebra::{Point3, Vector3};
 
 /// Largest distance between the surfaces of two meshes of one body, relative to the sum of their element
@@ -61,22 +62,37 @@ pub(crate) struct Extent<'a, T: Real> {
 }
 
 impl<'a, T: Real> Extent<'a, T> {
-    /// Extent of `particles` if given, else of the field's samples if it has any, else of its cells.
-    pub(crate) fn new(field: &'a dyn Interpolation<T>, particles: Option<&[Sample<T>]>) -> Self {
+    /// Extent of `particles` if given, else of the field's samples if it has any, else of its cells. With
+    /// `near`, its part around the places of which that is true, so that it is exact at these places.
+    pub(crate) fn new(
+        field: &'a dyn Interpolation<T>,
+        particles: Option<&[Sample<T>]>,
+        near: Option<&Changed<T>>,
+    ) -> Self {
         match particles.or_else(|| field.samples()) {
-            Some(samples) => Self::of_particles(samples),
-            None => Self::of_cells(field),
+            Some(samples) => Self::of_particles(samples, near),
+            None => Self::of_cells(field, near),
         }
     }
 
     /// Extent of the cells of a field, or of its nodes if it has no cells.
-    pub(crate) fn of_cells(field: &'a dyn Interpolation<T>) -> Self {
+    pub(crate) fn of_cells(field: &'a dyn Interpolation<T>, near: Option<&Changed<T>>) -> Self {
         let field_cells = field.cells();
         let section = mean_section(&field_cells);
-        let cells: Vec<_> = field_cells.into_iter().map(with_unit_section).collect();
-        if cells.is_empty() {
+        if field_cells.is_empty() {
             return Self::of_field(field);
         }
+        let kept = |c: &Cell<T>| {
+            // Farther than the accuracy of both surfaces together.
+            let reach = Vector3::repeat(length(c));
+            let [low, high] = c.bounds();
+            near.is_none_or(|near| near(&[low - reach, high + reach]))
+        };
+        let cells: Vec<_> = field_cells
+            .into_iter()
+            .map(with_unit_section)
+            .filter(kept)
+            .collect();
         let planes = cells.iter().map(Cell::half_spaces).collect();
         let lengths: Vec<T> = cells.iter().map(length).collect();
         let boxes = cells.iter().zip(&lengths).map(|(c, h)| {
@@ -99,15 +115,21 @@ impl<'a, T: Real> Extent<'a, T> {
         }
     }
 
-    fn of_particles(samples: &[Sample<T>]) -> Self {
-        let centres: Vec<_> = samples.iter().map(|s| s.point).collect();
+    fn of_particles(samples: &[Sample<T>], near: Option<&Changed<T>>) -> Self {
         // The radius of the ball of this volume: `r³ = ¾ V/π`.
         let third = T::of(0.75 / std::f64::consts::PI);
-        let radii: Vec<T> = samples.iter().map(|s| (s.measure * third).cbrt()).collect();
-        let top = radii.iter().fold(T::zero(), |m, r| m.max(*r));
+        let radius = |s: &Sample<T>| (s.measure * third).cbrt();
+        let top = samples.iter().map(radius).fold(T::zero(), |m, r| m.max(r));
         // The largest distance at which a particle counts.
-        let (tree, bounds) = boxes_around(&centres, &vec![top * T::of(ROUGH); centres.len()]);
-        let samples = samples.to_vec();
+        let reach = top * T::of(ROUGH);
+        let around = |s: &&Sample<T>| {
+            let reach = Vector3::repeat(reach);
+            near.is_none_or(|near| near(&[s.point - reach, s.point + reach]))
+        };
+        let samples: Vec<_> = samples.iter().filter(around).copied().collect();
+        let radii: Vec<T> = samples.iter().map(radius).collect();
+        let centres: Vec<_> = samples.iter().map(|s| s.point).collect();
+        let (tree, bounds) = boxes_around(&centres, &vec![reach; centres.len()]);
         Self {
             shape: Shape::Points { samples, radii, top },
             tree,

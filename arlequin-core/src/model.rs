@@ -7,7 +7,7 @@ use crate::geometry::Sample;
 use crate::ranks::Communicator;
 use crate::record::Record;
 use crate::recovery::{Links, Recovery};
-use crate::weight::Weight;
+use crate::weight::{Changed, Weight};
 use crate::{Error, Owned, Real, Result};
 use nalgebra::Point3;
 use sprs::CsMat;
@@ -154,6 +154,26 @@ pub trait Model<T: Real>: Send {
     /// # Errors
     /// Any error of the model.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> Result<()>;
+
+    /// Does the work of [`Model::set_internal_weight`] for a weight that differs from the last one only where
+    /// `changed` returns true: a cell keeps its mean if its box has no such place. The default finds the mean
+    /// of every cell again.
+    ///
+    /// # Errors
+    /// Errors of [`Model::set_internal_weight`].
+    fn change_internal_weight(&mut self, alpha: &dyn Weight<T>, changed: &Changed<T>) -> Result<()> {
+        let _ = changed;
+        self.set_internal_weight(alpha)
+    }
+
+    /// Does the work of [`Model::lumped_inertia`] for the weight `alpha` that the internal energy has now. A
+    /// model that has kept the means of this weight need not find them again.
+    ///
+    /// # Errors
+    /// Errors of [`Model::lumped_inertia`].
+    fn inertia_by_internal_weight(&self, alpha: &dyn Weight<T>, out: &mut [T]) -> Result<()> {
+        self.lumped_inertia(alpha, out)
+    }
 
     /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`. Torques are conjugate to spins
     /// about fixed axes. Must not allocate.

@@ -4,7 +4,8 @@
 //! as its forces. Element-wise loops give the same result however they are cut; sums are cut at fixed places
 //! and added in a fixed order. No function allocates.
 
-use crate::Real;
+use crate::ranks::UNIT;
+use crate::{DofLayout, Real};
 use rayon::prelude::*;
 use std::ops::{Add, Range};
 
@@ -99,69 +100,137 @@ fn tree<S: Add<Output = S> + Send>(
     a + b
 }
 
+/// Ranges of unknowns, in ascending order, over which the passes of a step run.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pieces(Vec<Range<usize>>);
+
+impl Pieces {
+    /// All of `n` unknowns.
+    pub(crate) fn whole(n: usize) -> Self {
+        Self((0..n).step_by(CHUNK).map(|k| k..n.min(k + CHUNK)).collect())
+    }
+
+    /// The unknowns of units of nodes that have any mass.
+    pub(crate) fn with_mass<T: Real>(layout: &DofLayout, inertia: &[T]) -> Self {
+        let (first, mut out) = (layout.translations(), Vec::<Range<usize>>::new());
+        for (base, per_node) in [(0, layout.components), (first, layout.rotations)] {
+            for unit in (0..layout.nodes).step_by(UNIT) {
+                let end = layout.nodes.min(unit + UNIT);
+                let piece = base + per_node * unit..base + per_node * end;
+                if inertia[piece.clone()].iter().all(|m| *m <= T::zero()) {
+                    continue;
+                }
+                match out.last_mut() {
+                    Some(last) if last.end == piece.start && piece.end - last.start <= CHUNK => {
+                        last.end = piece.end;
+                    }
+                    _ => out.push(piece),
+                }
+            }
+        }
+        Self(out)
+    }
+
+    /// Returns whether one of the pieces holds an unknown.
+    pub(crate) fn contains(&self, k: usize) -> bool {
+        let next = self.0.partition_point(|piece| piece.end <= k);
+        self.0.get(next).is_some_and(|piece| piece.start <= k)
+    }
+
+    /// Ranges of unknowns.
+    pub(crate) fn ranges(&self) -> &[Range<usize>] {
+        &self.0
+    }
+
+    /// Calls `part` with the same range of all arrays, for each piece.
+    pub(crate) fn each<T: Real, const M: usize, const N: usize>(
+        &self,
+        targets: [&mut [T]; M],
+        sources: [&[T]; N],
+        part: &(impl Fn([&mut [T]; M], [&[T]; N]) + Sync),
+    ) {
+        let unknowns = self.0.iter().map(Range::len).sum();
+        each(&self.0, 0, (targets, sources), pays(unknowns), part);
+    }
+}
+
+/// Work of [`Pieces::each`] on some pieces; the arrays begin at the unknown `base`.
+fn each<T: Real, const M: usize, const N: usize>(
+    pieces: &[Range<usize>],
+    base: usize,
+    (targets, sources): ([&mut [T]; M], [&[T]; N]),
+    parallel: bool,
+    part: &(impl Fn([&mut [T]; M], [&[T]; N]) + Sync),
+) {
+    let piece = match pieces {
+        [] => return,
+        [piece] => piece.start - base..piece.end - base,
+        _ => {
+            let (early, late) = pieces.split_at(pieces.len() / 2);
+            let cut = late[0].start;
+            let mut halves = targets.map(|x| x.split_at_mut(cut - base));
+            let first = halves.each_mut().map(|h| std::mem::take(&mut h.0));
+            let second = halves.map(|h| h.1);
+            let [a, b] = [
+                sources.map(|x| &x[..cut - base]),
+                sources.map(|x| &x[cut - base..]),
+            ];
+            let early = || each(early, base, (first, a), parallel, part);
+            let late = || each(late, cut, (second, b), parallel, part);
+            if parallel {
+                rayon::join(early, late);
+            } else {
+                early();
+                late();
+            }
+            return;
+        }
+    };
+    let targets = targets.map(|x| &mut x[piece.clone()]);
+    part(targets, sources.map(|x| &x[piece.clone()]));
+}
+
 /// `v += Δt/2 a`, `q += Δt v`, `force = 0`.
-pub(crate) fn kick_and_drift<T: Real>(dt: T, q: &mut [T], v: &mut [T], a: &[T], force: &mut [T]) {
+pub(crate) fn kick_and_drift<T: Real>(pieces: &Pieces, dt: T, [q, v, force]: [&mut [T]; 3], a: &[T]) {
     let h = dt * T::of(0.5);
-    let part = |q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
+    pieces.each([q, v, force], [a], &|[q, v, f], [a]| {
         for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
             *v += h * *a;
             *q += dt * *v;
             // Cleared in the same pass, for the model to add its forces.
             *f = T::zero();
         }
-    };
-    if !pays(q.len()) {
-        return part(q, v, a, force);
-    }
-    let moving = q.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK));
-    let driving = a.par_chunks(CHUNK).zip(force.par_chunks_mut(CHUNK));
-    moving.zip(driving).for_each(|((q, v), (a, f))| part(q, v, a, f));
+    });
 }
 
 /// Does the work of [`kick_and_drift`] from displacements `before` to `q`: keeps the old displacements
 /// without a copy.
 pub(crate) fn kick_and_drift_from<T: Real>(
+    pieces: &Pieces,
     dt: T,
     before: &[T],
-    q: &mut [T],
-    v: &mut [T],
+    [q, v, force]: [&mut [T]; 3],
     a: &[T],
-    force: &mut [T],
 ) {
     let h = dt * T::of(0.5);
-    let part = |before: &[T], q: &mut [T], v: &mut [T], a: &[T], f: &mut [T]| {
+    pieces.each([q, v, force], [before, a], &|[q, v, f], [before, a]| {
         let moving = before.iter().zip(q).zip(v);
         for (((before, q), v), (a, f)) in moving.zip(a.iter().zip(f)) {
             *v += h * *a;
             *q = *before + dt * *v;
             *f = T::zero();
         }
-    };
-    if !pays(q.len()) {
-        return part(before, q, v, a, force);
-    }
-    let moving = q.par_chunks_mut(CHUNK).zip(v.par_chunks_mut(CHUNK));
-    let driving = a.par_chunks(CHUNK).zip(force.par_chunks_mut(CHUNK));
-    before
-        .par_chunks(CHUNK)
-        .zip(moving.zip(driving))
-        .for_each(|(before, ((q, v), (a, f)))| part(before, q, v, a, f));
+    });
 }
 
 /// `a = w force`, `v += h a`.
-pub(crate) fn accelerate<T: Real>(h: T, v: &mut [T], a: &mut [T], force: &[T], w: &[T]) {
-    let part = |v: &mut [T], a: &mut [T], f: &[T], w: &[T]| {
+pub(crate) fn accelerate<T: Real>(pieces: &Pieces, h: T, [v, a]: [&mut [T]; 2], force: &[T], w: &[T]) {
+    pieces.each([v, a], [force, w], &|[v, a], [f, w]| {
         for ((v, a), (f, w)) in v.iter_mut().zip(a).zip(f.iter().zip(w)) {
             *a = *f * *w;
             *v += h * *a;
         }
-    };
-    if !pays(v.len()) {
-        return part(v, a, force, w);
-    }
-    let moving = v.par_chunks_mut(CHUNK).zip(a.par_chunks_mut(CHUNK));
-    let driving = force.par_chunks(CHUNK).zip(w.par_chunks(CHUNK));
-    moving.zip(driving).for_each(|((v, a), (f, w))| part(v, a, f, w));
+    });
 }
 
 #[cfg(test)]

@@ -59,6 +59,10 @@ pub trait Weight<T: Real>: Send + Sync {
     }
 }
 
+/// Returns whether a weight may have changed somewhere in a box, which is given by its low and high corners
+/// \[m\].
+pub type Changed<T> = dyn Fn(&[Point3<T>; 2]) -> bool + Send + Sync;
+
 /// A weight with one value everywhere; `Uniform(1)` is for a model that is not coupled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uniform<T>(pub T);

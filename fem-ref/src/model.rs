@@ -13,10 +13,11 @@ use crate::mesh::Mesh;
 use crate::portion::Part;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
+use arlequin_core::geometry::inner_bounds;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
-    Boundary, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials, Model,
-    Owned, Patches, Real, Views, Weight, advice, check_size, spectrum,
+    Boundary, Changed, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials,
+    Model, Owned, Patches, Real, StepBound, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -62,6 +63,8 @@ pub struct FemModel<T: Real> {
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     pub(crate) masses: Vec<T>,
     pub(crate) stiffness: BlockMatrix<T>,
+    /// Means of the weight of the internal energy over the elements \[–\].
+    pub(crate) means: Vec<T>,
     /// Patches that recover stresses at the nodes, built at the first request.
     pub(crate) patches: OnceLock<Patches<T>>,
     /// This rank's part, if the body is partitioned.
@@ -102,6 +105,7 @@ impl<T: Real> FemModel<T> {
         Ok(Self {
             name: name.to_owned(),
             stiffness: kernel::stiffness(&mesh, &materials, &ones),
+            means: ones,
             field: Arc::new(FemField::new(mesh)),
             materials,
             masses,
@@ -156,24 +160,49 @@ impl<T: Real> FemModel<T> {
 
     /// Mean of a weight over every element \[–\].
     fn element_means(&self, weight: &dyn Weight<T>) -> Vec<T> {
-        let mean = |e: usize| {
-            let mut cells = Vec::new();
-            self.field.cells_of(e, &mut cells);
-            // A single cell is the element: weighting it by its own measure would only add round-off.
-            if let [cell] = cells.as_slice() {
-                return weight.mean(cell);
-            }
-            let (mut sum, mut total) = (T::zero(), T::zero());
-            for cell in &cells {
-                sum += weight.mean(cell) * cell.measure();
-                total += cell.measure();
-            }
-            sum / total
-        };
-        (0..self.mesh().element_count())
-            .into_par_iter()
-            .map(mean)
-            .collect()
+        let elements = (0..self.mesh().element_count()).into_par_iter();
+        elements.map(|e| self.element_mean(e, weight)).collect()
+    }
+
+    fn element_mean(&self, e: usize, weight: &dyn Weight<T>) -> T {
+        let mut cells = Vec::new();
+        self.field.cells_of(e, &mut cells);
+        // A single cell is the element: weighting it by its own measure would only add round-off.
+        if let [cell] = cells.as_slice() {
+            return weight.mean(cell);
+        }
+        let (mut sum, mut total) = (T::zero(), T::zero());
+        for cell in &cells {
+            sum += weight.mean(cell) * cell.measure();
+            total += cell.measure();
+        }
+        sum / total
+    }
+
+    /// Assembles the stiffness for means of the weight over the elements, and keeps them.
+    fn assemble(&mut self, means: Vec<T>) -> arlequin_core::Result<()> {
+        arlequin_core::check_finite("element weights", &means)?;
+        let part = &self.part;
+        let row = |node: u32| part.as_ref().map_or(Some(node as usize), |p| p.row(node));
+        let mesh = self.field.mesh();
+        kernel::assemble(&mut self.stiffness, mesh, &self.materials, &means, &row);
+        self.means = means;
+        Ok(())
+    }
+
+    /// Writes the lumped inertia for means of the weight over the elements.
+    fn lump(&self, means: &[T], out: &mut [T]) -> arlequin_core::Result<()> {
+        check_size(self, "inertia", out.len())?;
+        let (mesh, c) = (self.mesh(), self.layout().components);
+        let corners = mesh.kind().corners();
+        out.fill(T::zero());
+        for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
+            // The owner of the node adds up the same terms in the same order.
+            let Some(k) = self.row(node) else { continue };
+            let m = *mass * means[slot / corners];
+            out[k * c..(k + 1) * c].iter_mut().for_each(|o| *o += m);
+        }
+        arlequin_core::check_finite("weighted inertia", out)
     }
 }
 
@@ -215,28 +244,32 @@ impl<T: Real> Model<T> for FemModel<T> {
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
-        check_size(self, "inertia", out.len())?;
-        let (mesh, c) = (self.mesh(), self.layout().components);
-        let corners = mesh.kind().corners();
-        let means = self.element_means(weight);
-        out.fill(T::zero());
-        for (slot, (&node, mass)) in mesh.connectivity().iter().zip(&self.masses).enumerate() {
-            // The owner of the node adds up the same terms in the same order.
-            let Some(k) = self.row(node) else { continue };
-            let m = *mass * means[slot / corners];
-            out[k * c..(k + 1) * c].iter_mut().for_each(|o| *o += m);
-        }
-        arlequin_core::check_finite("weighted inertia", out)
+        self.lump(&self.element_means(weight), out)
+    }
+
+    fn inertia_by_internal_weight(&self, _: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
+        self.lump(&self.means, out)
     }
 
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
-        let means = self.element_means(alpha);
-        arlequin_core::check_finite("element weights", &means)?;
-        let part = &self.part;
-        let row = |node: u32| part.as_ref().map_or(Some(node as usize), |p| p.row(node));
-        let mesh = self.field.mesh();
-        kernel::assemble(&mut self.stiffness, mesh, &self.materials, &means, &row);
-        Ok(())
+        self.assemble(self.element_means(alpha))
+    }
+
+    fn change_internal_weight(
+        &mut self,
+        alpha: &dyn Weight<T>,
+        changed: &Changed<T>,
+    ) -> arlequin_core::Result<()> {
+        let mean = |(e, old): (usize, &T)| {
+            let mut cells = Vec::new();
+            self.field.cells_of(e, &mut cells);
+            if cells.iter().any(|c| changed(&inner_bounds(c))) {
+                self.element_mean(e, alpha)
+            } else {
+                *old
+            }
+        };
+        self.assemble(self.means.par_iter().enumerate().map(mean).collect())
     }
 
     fn add_internal_forces(&mut self, q: &[T], f: &mut [T]) -> arlequin_core::Result<()> {
@@ -297,10 +330,30 @@ impl<T: Real> Model<T> for FemModel<T> {
         let mut views = Views::default();
         views.recovery = Some(self);
         views.linear = is_whole.then_some(self as _);
+        views.step_bound = is_whole.then_some(self as _);
         let is_solid = self.mesh().kind() != ElementKind::Bar2;
         views.gradients = (is_whole && is_solid).then_some(self as _);
         views.surface = (is_whole && is_solid).then_some(self as _);
         views
+    }
+}
+
+impl<T: Real> StepBound<T> for FemModel<T> {
+    /// Bound by Gershgorin's circles, `ω² ≤ max_i Σ_j |K_ij| / M_i`: about half of the critical step.
+    fn step_bound(&self, inverse_inertia: &[T]) -> T {
+        let c = self.layout().components;
+        let (mut first, mut top) = (0, T::zero());
+        for (i, inverse) in inverse_inertia.chunks_exact(c).enumerate() {
+            let end = first + c * c * self.stiffness.columns(i).len();
+            let blocks = self.stiffness.values()[first..end].chunks_exact(c);
+            // Each block is `c` rows of `c` values.
+            for (a, inverse) in inverse.iter().enumerate() {
+                let row = blocks.clone().skip(a).step_by(c).flatten();
+                top = top.max(row.map(|k| k.abs()).sum::<T>() * *inverse);
+            }
+            first = end;
+        }
+        T::of(2.0) / top.sqrt()
     }
 }
 

@@ -259,6 +259,7 @@ impl<T: Real> FemModel<T> {
         self.masses = elements()
             .flat_map(|e| self.masses[e * n..(e + 1) * n].to_vec())
             .collect();
+        self.means = elements().map(|e| self.means[e]).collect();
         self.materials = self.materials.of_some(elements());
         self.field = Arc::new(FemField::new(Mesh::unchecked(kind, section, nodes, connectivity)));
         self.patches = OnceLock::new();

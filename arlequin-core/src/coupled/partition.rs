@@ -21,7 +21,7 @@ use crate::extent::{Cover, Extent};
 use crate::geometry::Cell;
 use crate::interface::InterfaceSpec;
 use crate::subdomain::{Partition, Subdomain};
-use crate::weight::{Uniform, Weight, Weighting};
+use crate::weight::{Changed, Uniform, Weight, Weighting};
 use crate::{Error, Real, Result};
 use nalgebra::Point3;
 
@@ -98,6 +98,8 @@ impl<T: Real> Member<'_, T> {
 struct Group<'a, T: Real> {
     members: Vec<Member<'a, T>>,
     ties: Vec<Tie<'a, T>>,
+    /// Places to look at; all if there are none.
+    near: Option<&'a Changed<T>>,
     measure: T,
     shared: T,
     /// Measure of cells that borders of several models cut; it is found by samples.
@@ -147,7 +149,7 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
             excess_mass: 0.0,
         };
         if report.checked {
-            let mut group = Group::new(&numbers, subdomains, specs);
+            let mut group = Group::new(&numbers, subdomains, specs, None);
             group.check(&mut report)?;
             for (k, t) in group.ties.iter().enumerate() {
                 // The mass is that of the group: its first interface reports it.
@@ -161,6 +163,29 @@ pub(super) fn check<T: Real>(subdomains: &[Subdomain<T>], specs: &[InterfaceSpec
         reports.push(report);
     }
     Ok((reports, findings))
+}
+
+/// Checks the sums of the weights where these have changed. What depends on the models and the kind of their
+/// weights was checked at set-up: shapes, fillings and masses, and means over cells.
+pub(super) fn check_changes<T: Real>(
+    subdomains: &[Subdomain<T>],
+    specs: &[InterfaceSpec<T>],
+    changed: &Changed<T>,
+) -> Result<()> {
+    for numbers in groups(subdomains.len(), specs) {
+        let is_checked = |k: &usize| subdomains[*k].partition() == Partition::Checked;
+        if numbers.len() < 2 || !numbers.iter().all(is_checked) {
+            continue;
+        }
+        let mut group = Group::new(&numbers, subdomains, &[], Some(changed));
+        (0..numbers.len()).for_each(|m| {
+            group.fill(m);
+        });
+        if let Some((_, error)) = group.broken {
+            return Err(error);
+        }
+    }
+    Ok(())
 }
 
 /// Returns the numbers of the models in each group tied to each other, directly or through others.
@@ -179,11 +204,16 @@ fn groups<T: Real>(count: usize, specs: &[InterfaceSpec<T>]) -> Vec<Vec<usize>> 
 }
 
 impl<'a, T: Real> Group<'a, T> {
-    fn new(numbers: &[usize], subdomains: &'a [Subdomain<T>], specs: &'a [InterfaceSpec<T>]) -> Self {
+    fn new(
+        numbers: &[usize],
+        subdomains: &'a [Subdomain<T>],
+        specs: &'a [InterfaceSpec<T>],
+        near: Option<&'a Changed<T>>,
+    ) -> Self {
         let member = |&k: &usize| {
             let s = &subdomains[k];
             Member {
-                extent: Extent::new(&**s.field(), s.model().views().particles),
+                extent: Extent::new(&**s.field(), s.model().views().particles, near),
                 subdomain: s,
             }
         };
@@ -197,6 +227,7 @@ impl<'a, T: Real> Group<'a, T> {
         Self {
             ties: specs.iter().enumerate().filter_map(tie).collect(),
             members,
+            near,
             measure: T::zero(),
             shared: T::zero(),
             sampled: T::zero(),

@@ -34,7 +34,7 @@ impl<'a, T: Real> Tie<'a, T> {
             name: &spec.name,
             number,
             sides,
-            extent: Extent::of_cells(&*spec.mediator),
+            extent: Extent::of_cells(&*spec.mediator, None),
             spacing: spec.mediator.spacing(),
             overlap: T::zero(),
             only: [T::zero(); 2],

@@ -98,8 +98,7 @@ impl<T: Real> AttachedAbsorber<T> {
             gather: rows(&n.transpose_view().to_csr()),
             damped: rows(&gram(n, |i| mass[i][1])),
             scatter: rows(n),
-            // No factor: the resolved space is not coarser than the model.
-            factor: T::cholesky(&gram(n, |i| mass[i][0]).to_csc(), None).ok()?,
+            factor: factor(n, &mass)?,
             local: zeros(2 * nodes.len()),
             coarse: zeros(2 * n.cols()),
             resolved: zeros(n.cols()),
@@ -331,6 +330,29 @@ impl<T: Real> Absorber<T> {
     }
 }
 
+/// Share of its diagonal by which `G` grows if it is singular.
+const RAISED: f64 = 1e-12;
+
+/// Factor of `G`; `None` unless the resolved space is coarser than the model.
+fn factor<T: Real>(n: &CsMat<T>, mass: &[[T; 2]]) -> Option<Box<dyn SpdFactor<T>>> {
+    let mut g = gram(n, |i| mass[i][0]);
+    if let Ok(factor) = T::cholesky(&g.to_csc(), None) {
+        return Some(factor);
+    }
+    if n.cols() >= n.rows() {
+        return None;
+    }
+    // Few nodes in a corner of the space do not tell its functions there apart. All solutions are the same
+    // motion of the nodes, and this chooses one of them.
+    let raised = T::one() + T::of(RAISED).max(T::epsilon() * T::of(64.0));
+    for (i, mut row) in g.outer_iterator_mut().enumerate() {
+        if let Some(diagonal) = row.get_mut(i) {
+            *diagonal *= raised;
+        }
+    }
+    T::cholesky(&g.to_csc(), None).ok()
+}
+
 /// `Nᵀ diag(w) N`.
 fn gram<T: Real>(n: &CsMat<T>, w: impl Fn(usize) -> T) -> CsMat<T> {
     let mut sum = TriMat::new((n.cols(), n.cols()));
@@ -401,6 +423,34 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
 mod tests {
     use super::*;
     use nalgebra::DMatrix;
+
+    /// Two hats of which each node has half and half cannot be told apart: the motion of both together is
+    /// resolved all the same, and energy only leaves.
+    #[test]
+    fn functions_that_no_node_tells_apart_are_resolved_together() {
+        let mut n = TriMat::new((4, 3));
+        for (i, share) in [1.0, 0.6, 0.3, 0.0].into_iter().enumerate() {
+            for (j, v) in [share, 0.5 * (1.0 - share), 0.5 * (1.0 - share)]
+                .into_iter()
+                .enumerate()
+            {
+                n.add_triplet(i, j, v);
+            }
+        }
+        let (nodes, mass) = ([0, 1, 2, 3], vec![[1.0, 2.0], [1.5, 3.0], [0.7, 1.0], [1.2, 4.0]]);
+        let mut absorber =
+            AttachedAbsorber::new(1, &n.to_csr(), &nodes, mass.clone(), 4.0).expect("a factor");
+        let mut forces = |v: [f64; 4]| {
+            let mut f = [0.0; 4];
+            absorber.add_to::<1, 2>(&v, &mut f);
+            f
+        };
+        assert!(forces([2.0, 1.6, 1.3, 1.0]).iter().all(|f| f.abs() < 1e-9));
+        let v = [1.0, -1.0, 0.5, 0.2];
+        assert!(dot(&forces(v), &v) < -0.1);
+        let square: CsMat<f64> = n.to_csr().slice_outer(0..3).to_owned();
+        assert!(AttachedAbsorber::new(1, &square, &nodes[..3], mass[..3].to_vec(), 4.0).is_none());
+    }
 
     /// The rearranged force is `−(I − P)ᵀ D (I − P) v` for any number of components; fields of the resolved
     /// space feel none.

@@ -2,9 +2,10 @@
 
 use super::{AnyEffect, Effect, Instant, StepDemand};
 use crate::model::{Arms, DofLayout};
+use crate::parallel::Pieces;
 use crate::record::Record;
 use crate::scalar::dot;
-use crate::{Exact, add_products};
+use crate::{Exact, add_products, add_products_in};
 use crate::{Real, Result};
 
 /// An effect given by a closure. `law(instant, f, own_forces)` writes the effect's forces to `own_forces`
@@ -55,6 +56,8 @@ pub struct ForceLaw<T: Real, L> {
     pub local: bool,
     /// Value of [`AnyEffect::acts_on_shares`]; `false` unless set.
     pub shared: bool,
+    /// Ranges of the unknowns with forces; all unless set.
+    pub(super) pieces: Option<Pieces>,
 }
 
 impl<T: Real, L> ForceLaw<T, L> {
@@ -71,6 +74,7 @@ impl<T: Real, L> ForceLaw<T, L> {
             remembers: false,
             local: false,
             shared: false,
+            pieces: None,
         }
     }
 
@@ -130,7 +134,10 @@ impl<T: Real, L: FnMut(&Instant<'_, T>, &mut [T], &mut [T]) + Send> Effect<T> fo
     }
     fn add_power(&self, layout: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
         if self.local {
-            add_products(layout, &self.force, v, sum);
+            match &self.pieces {
+                Some(pieces) => add_products_in(layout, pieces, [&self.force, v], sum),
+                None => add_products(layout, &self.force, v, sum),
+            }
         }
         self.local
     }

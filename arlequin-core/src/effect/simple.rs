@@ -3,6 +3,7 @@
 use super::{Effect, EffectSpec, ForceLaw, Host, Instant, StepDemand};
 use crate::error::{invalid, not_negative};
 use crate::model::Arms;
+use crate::parallel::Pieces;
 use crate::time::TimeFunction;
 use crate::{Real, Result};
 use nalgebra::Vector3;
@@ -97,13 +98,21 @@ impl<T: Real> EffectSpec<T> for MassDamping<T> {
     fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
         let (rate, inertia) = (self.0, host.inertia.to_vec());
         let dofs = inertia.len();
+        // What sleeps has no forces.
+        let pieces = Pieces::with_mass(&host.model.layout(), &inertia);
+        let moving = pieces.clone();
         let law = move |instant: &Instant<'_, T>, f: &mut [T], own_forces: &mut [T]| {
-            for (((f, g), m), v) in f.iter_mut().zip(own_forces).zip(&inertia).zip(instant.v_half) {
-                *g = -rate * *m * *v;
-                *f += *g;
+            for piece in moving.ranges() {
+                let (f, g) = (&mut f[piece.clone()], &mut own_forces[piece.clone()]);
+                let (m, v) = (&inertia[piece.clone()], &instant.v_half[piece.clone()]);
+                for (((f, g), m), v) in f.iter_mut().zip(g).zip(m).zip(v) {
+                    *g = -rate * *m * *v;
+                    *f += *g;
+                }
             }
         };
         Ok(Box::new(ForceLaw {
+            pieces: Some(pieces),
             demand: StepDemand::damping(rate),
             local: true,
             shared: true,

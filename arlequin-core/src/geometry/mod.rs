@@ -181,6 +181,13 @@ impl<T: Real> Cell<T> {
     }
 }
 
+/// Bounding box of a cell, smaller by a millionth: it does not meet the boxes of cells beside it.
+pub fn inner_bounds<T: Real>(cell: &Cell<T>) -> [Point3<T>; 2] {
+    let [low, high] = cell.bounds();
+    let margin = (high - low) * T::of(1e-6);
+    [low + margin, high - margin]
+}
+
 /// Bounding box of points.
 pub fn bounds_of<'a, T: Real>(points: impl Iterator<Item = &'a Point3<T>>) -> [Point3<T>; 2] {
     // Finite in both precisions.

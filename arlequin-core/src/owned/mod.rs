@@ -6,6 +6,7 @@ mod sums;
 
 pub(crate) use cuts::Cuts;
 pub use sums::add_products;
+pub(crate) use sums::add_products_in;
 
 use crate::exact::{Exact, WORDS};
 use crate::ranks::{Communicator, Division, Portion, Reduction, Unit, agree};

@@ -1,6 +1,7 @@
 //! Sums over units of nodes: plain within a unit, exact over units.
 
 use super::UNIT;
+use crate::parallel::Pieces;
 use crate::scalar::dot;
 use crate::{DofLayout, Exact, Real, parallel};
 use std::ops::Range;
@@ -22,6 +23,26 @@ pub fn add_products<T: Real>(layout: &DofLayout, x: &[T], y: &[T], total: &mut E
     let part = |n: Range<usize>| {
         let moving = d * n.start..d * n.end;
         let turning = first + r * n.start..first + r * n.end;
+        [dot(&x[moving.clone()], &y[moving]) + dot(&x[turning.clone()], &y[turning])]
+    };
+    let [sum] = unit_sums(layout.nodes, &part, parallel::pays(x.len()));
+    *total += sum;
+}
+
+/// Does the work of [`add_products`] for `x` that is zero outside of some pieces, which consist of units.
+pub(crate) fn add_products_in<T: Real>(
+    layout: &DofLayout,
+    pieces: &Pieces,
+    [x, y]: [&[T]; 2],
+    total: &mut Exact,
+) {
+    let (d, r, first) = (layout.components, layout.rotations, layout.translations());
+    let part = |n: Range<usize>| {
+        let moving = d * n.start..d * n.end;
+        let turning = first + r * n.start..first + r * n.end;
+        if !pieces.contains(moving.start) && !pieces.contains(turning.start) {
+            return [T::zero()];
+        }
         [dot(&x[moving.clone()], &y[moving]) + dot(&x[turning.clone()], &y[turning])]
     };
     let [sum] = unit_sums(layout.nodes, &part, parallel::pays(x.len()));

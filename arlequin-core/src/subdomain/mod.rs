@@ -287,6 +287,7 @@ impl<T: Real> Subdomain<T> {
 
     /// Displacements, to be corrected by constraints.
     pub(crate) fn displacements(&mut self) -> &mut [T] {
+        self.forces.unsettle();
         &mut self.state.q
     }
 

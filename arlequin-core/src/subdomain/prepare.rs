@@ -21,8 +21,7 @@ impl<T: Real> Subdomain<T> {
         if self.is_external() {
             self.weigh_external(paired)?;
         } else {
-            self.model
-                .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
+            self.lump()?;
         }
         self.weigh_unknowns()?;
         if self.is_to_be_partitioned() {
@@ -30,6 +29,15 @@ impl<T: Real> Subdomain<T> {
             return Ok(());
         }
         self.attach(paired)
+    }
+
+    /// Computes the weighted inertia.
+    pub(super) fn lump(&mut self) -> Result<()> {
+        let (model, kinetic) = (&self.model, &*self.weights.kinetic);
+        match self.weights.are_one() {
+            true => model.inertia_by_internal_weight(kinetic, &mut self.inertia),
+            false => model.lumped_inertia(kinetic, &mut self.inertia),
+        }
     }
 
     /// Checks the weighted inertia and computes its inverse.

@@ -4,7 +4,7 @@ use super::account::Energies;
 use super::{Stepper, Subdomain};
 use crate::effect::{Attached, EffectSpec};
 use crate::error::invalid;
-use crate::weight::{Weighting, Weights};
+use crate::weight::{Changed, Weighting, Weights};
 use crate::{Error, Real, Result, parallel};
 use std::ops::Range;
 
@@ -64,6 +64,7 @@ impl<T: Real> Subdomain<T> {
         &mut self,
         weights: Weights<T>,
         effects: Vec<Box<dyn EffectSpec<T>>>,
+        changed: Option<&Changed<T>>,
     ) -> Result<()> {
         if effects.len() != self.effects.len() {
             let names: Vec<_> = self.effects().map(|e| e.name().to_owned()).collect();
@@ -74,10 +75,15 @@ impl<T: Real> Subdomain<T> {
         // As at set-up: weights first, then what the model remembers.
         let memory = self.model.save();
         self.weights = weights;
-        self.model.set_internal_weight(&*self.weights.internal)?;
+        match changed {
+            Some(changed) => {
+                self.model
+                    .change_internal_weight(&*self.weights.internal, changed)?;
+            }
+            None => self.model.set_internal_weight(&*self.weights.internal)?,
+        }
         self.model.restore(&memory)?;
-        self.model
-            .lumped_inertia(&*self.weights.kinetic, &mut self.inertia)?;
+        self.lump()?;
         self.weigh_unknowns()?;
         // A model that makes its steps itself has no force arrays, and the start evaluates forces.
         self.forces.reclaim(self.inertia.len());

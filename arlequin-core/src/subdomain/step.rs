@@ -3,7 +3,8 @@
 use super::account::Energies;
 use super::{Stepper, Subdomain};
 use crate::effect::Instant;
-use crate::model::{Evolution, State};
+use crate::model::{DofLayout, Evolution, State};
+use crate::parallel::Pieces;
 use crate::phase::Phase;
 use crate::{Real, Result, parallel};
 
@@ -40,6 +41,10 @@ pub(super) struct Forces<T> {
     /// Displacements one own step earlier, where they are kept.
     q_before: Vec<T>,
     loads: Loads<T>,
+    /// All unknowns, and those whose nodes do not all sleep.
+    pieces: [Pieces; 2],
+    /// Steps until both arrays of a pair have what sleeping nodes keep.
+    unsettled: u8,
     /// False between a restored state and its first step, when forces are not those of the present state.
     known: bool,
     /// True if the model makes its steps itself; the arrays are then empty.
@@ -53,9 +58,28 @@ impl<T: Real> Forces<T> {
             internal_before: vec![T::zero(); dofs],
             q_before: vec![T::zero(); dofs],
             loads: Loads::Absent,
+            pieces: [Pieces::whole(dofs), Pieces::whole(dofs)],
+            unsettled: 2,
             known: false,
             released: false,
         }
+    }
+
+    /// Leaves units of nodes out of the passes if all of them sleep; `inertia` is zero where nodes sleep.
+    pub(super) fn leave_out(&mut self, layout: &DofLayout, inertia: &[T]) {
+        self.pieces[1] = Pieces::with_mass(layout, inertia);
+        self.unsettled = 2;
+    }
+
+    /// Passes over all unknowns again, whose values have been set from outside.
+    pub(super) fn unsettle(&mut self) {
+        self.unsettled = 2;
+    }
+
+    /// Unknowns that a step passes over. Arrays change places from step to step, so after a start two steps
+    /// pass over all unknowns; what sleeps then has its values in both arrays.
+    fn pieces(&self) -> &Pieces {
+        &self.pieces[usize::from(self.unsettled == 0)]
     }
 
     /// Returns whether the model makes its steps itself. Empty arrays would not tell, since a rank without
@@ -93,6 +117,7 @@ impl<T: Real> Forces<T> {
     /// Sets the internal forces of a restored state; the others are unknown until the next step.
     pub(super) fn restore(&mut self, internal: &[T]) {
         self.known = false;
+        self.unsettle();
         if self.internal.len() == internal.len() {
             self.internal.copy_from_slice(internal);
         }
@@ -105,6 +130,7 @@ impl<T: Real> Forces<T> {
         self.internal = internal;
         self.known = true;
         self.released = false;
+        self.unsettle();
     }
 
     /// Sets all forces of another state, where there are others than internal ones.
@@ -151,6 +177,16 @@ impl<T: Real> Forces<T> {
         matches!(self.loads, Loads::Paired(_))
     }
 
+    /// Sets all forces to the internal ones.
+    fn reset_total(&mut self) {
+        let pieces = &self.pieces[usize::from(self.unsettled == 0)];
+        if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
+            pieces.each([total], [&self.internal], &|[total], [internal]| {
+                total.copy_from_slice(internal);
+            });
+        }
+    }
+
     /// Returns the instant as effects see it, and the forces to which they add; an empty slice if there are
     /// no effects.
     fn instant<'a>(&'a mut self, step_end: StepEnd<T>, state: &'a State<T>) -> (Instant<'a, T>, &'a mut [T]) {
@@ -184,8 +220,8 @@ impl<T: Real> Subdomain<T> {
         if self.forces.are_internal() {
             return Ok(());
         }
+        self.forces.reset_total();
         let (instant, total) = self.forces.instant(step_end, &self.state);
-        parallel::copy(total, instant.internal);
         for (k, e) in self.effects.iter_mut().enumerate() {
             announce(Phase::Effect(number, k));
             e.effect.add_forces(&instant, total)?;
@@ -210,7 +246,8 @@ impl<T: Real> Subdomain<T> {
     pub(crate) fn accelerate(&mut self, step_end: StepEnd<T>) {
         let half = step_end.since * T::of(0.5);
         let State { v, a, .. } = &mut self.state;
-        parallel::accelerate(half, v, a, self.forces.total(), &self.inverse_inertia);
+        let (forces, w) = (&self.forces, &self.inverse_inertia);
+        parallel::accelerate(forces.pieces(), half, [v, a], forces.total(), w);
         for motion in &self.supports {
             // Prescribed unknowns take no part in the acceleration: their inverse inertia is zero.
             let (_, velocity, acceleration) = motion.kinematics(step_end.time, step_end.dt);
@@ -245,6 +282,9 @@ impl<T: Real> Subdomain<T> {
     /// Computes forces and accelerations of the start, after [`Self::set_prescribed`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
         self.forces.known = true;
+        if self.sleeps {
+            self.forces.leave_out(&self.model.layout(), &self.inertia);
+        }
         if self.is_external() {
             self.external_start();
             return Ok(());
@@ -307,10 +347,15 @@ impl<T: Real> Subdomain<T> {
         }
         let State { q, v, a } = &mut self.state;
         if keeps {
-            parallel::kick_and_drift_from(step_end.since, &forces.q_before, q, v, a, &mut forces.internal);
+            let pieces = &forces.pieces[usize::from(forces.unsettled == 0)];
+            let targets = [&mut q[..], v, &mut forces.internal];
+            parallel::kick_and_drift_from(pieces, step_end.since, &forces.q_before, targets, a);
         } else {
-            // One array less to read where nobody needs the old displacements.
-            parallel::kick_and_drift(step_end.since, q, v, a, &mut forces.internal);
+            // One array less to read where nobody needs the old displacements. Without a change of places the
+            // other array does not follow.
+            forces.unsettled = 2;
+            let targets = [&mut q[..], v, &mut forces.internal];
+            parallel::kick_and_drift(&forces.pieces[0], step_end.since, targets, a);
         }
         for motion in &self.supports {
             // Before forces are evaluated: the drift has moved prescribed unknowns by their velocity only.
@@ -333,6 +378,7 @@ impl<T: Real> Subdomain<T> {
         if !self.is_paired() {
             self.accelerate(step_end);
         }
+        self.forces.unsettled = self.forces.unsettled.saturating_sub(1);
         Ok(())
     }
 

@@ -149,6 +149,18 @@ pub(crate) struct Part<'a, F> {
     pub(crate) sums: Option<&'a mut [Sums]>,
 }
 
+impl<F> Part<'_, F> {
+    /// Leaves out a part in which nothing moves.
+    fn skip(self) {
+        if let Some(sum) = self.sums.and_then(|s| s.first_mut()) {
+            *sum = [0.0; 2];
+        }
+        if let Some((_, marks)) = self.marks {
+            marks.fill(false);
+        }
+    }
+}
+
 impl<F: Cut> Cut for Part<'_, F> {
     fn blocks(&self) -> usize {
         self.finish.blocks()
@@ -265,7 +277,9 @@ impl<W: Screened> Pass<'_, W> {
     /// Places in the blocks must be particle numbers.
     pub(crate) fn run<F: Finish>(&self, rows: &[CacheLine], part: Part<'_, F>, parallel: bool) {
         in_parts(part, parallel, &|part| {
-            if part.blocks() > 0 {
+            if self.layout.is_asleep(part.first) {
+                part.skip();
+            } else if part.blocks() > 0 {
                 self.isa.run(Gathering {
                     pass: self,
                     rows,

@@ -2,6 +2,7 @@
 //!
 //! Every bond is stored twice, once with each of its ends.
 
+use super::engine::CHUNK;
 use super::lanes::{CacheLine, LANES};
 use super::span::{Grid, Slot};
 use crate::particles::BondedParticles;
@@ -16,6 +17,9 @@ pub(crate) struct Layout {
     pub(crate) grid: Grid,
     /// First slot of each block, and one past the last.
     pub(crate) start: Vec<u32>,
+    /// For each unit of parallel work: true if all of its particles sleep, that is, none of their bonds is
+    /// awake.
+    asleep: Vec<bool>,
     /// Half-bonds.
     pub(crate) slots: Vec<Slot>,
     /// The other particle of each half-bond; the particle itself in empty lanes.
@@ -52,6 +56,7 @@ impl Layout {
             particles,
             grid: body.grid(),
             start: vec![0],
+            asleep: Vec::new(),
             slots: Vec::new(),
             neighbours: Vec::new(),
             rests: Vec::new(),
@@ -62,6 +67,14 @@ impl Layout {
             let most = out.lanes(b).map(|i| adjacency.row(i).len()).max();
             slots += most.unwrap_or(0);
             out.start.push(slots as u32);
+        }
+        if body.has_sleep() {
+            let bonds = body.adjacency();
+            let sleeps = |i: usize| adjacency.row(i).is_empty() && !bonds.row(i).is_empty();
+            let units = (0..particles).step_by(CHUNK * LANES);
+            out.asleep = units
+                .map(|first| (first..particles.min(first + CHUNK * LANES)).all(sleeps))
+                .collect();
         }
         // Twice the bonds, so that a particle gathers all its forces itself: nothing is scattered, no two
         // threads write to the same place, and sums have the same order for any number of threads. Allocates
@@ -76,6 +89,11 @@ impl Layout {
     /// Particles in the blocks.
     pub(crate) fn particles(&self) -> usize {
         self.particles
+    }
+
+    /// Returns whether all particles of the unit of parallel work that begins with `block` sleep.
+    pub(crate) fn is_asleep(&self, block: usize) -> bool {
+        self.asleep.get(block / CHUNK).is_some_and(|asleep| *asleep)
     }
 
     /// Row of a particle: ghosts stand behind the padding of the last block.

@@ -141,6 +141,8 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
 
 /// Data that is needed to write the rows of a range of blocks.
 struct Placing<'a> {
+    /// First block.
+    first: usize,
     rows: &'a mut [CacheLine],
     reached: &'a mut [f64],
     q: [&'a [f64]; 2],
@@ -156,11 +158,13 @@ impl Cut for Placing<'_> {
         let (reached, reached_later) = cut_unknowns(self.reached, blocks);
         let q = self.q.map(|q| q.split_at(3 * LANES * blocks));
         let first = Placing {
+            first: self.first,
             rows,
             reached,
             q: q.map(|q| q.0),
         };
         let second = Placing {
+            first: self.first + blocks,
             rows: later,
             reached: reached_later,
             q: q.map(|q| q.1),
@@ -256,12 +260,17 @@ impl<W: Screened> Gather<W> {
         let (isa, parallel) = (self.isa, self.parallel());
         // `q` has three displacements and three rotations per owned particle; ghost rows come behind them.
         let placing = Placing {
+            first: 0,
             rows: &mut self.rows[..q.len() / 6],
             reached: &mut self.reached,
             q: q.split_at(q.len() / 2).into(),
         };
+        let layout = &self.layout;
         in_parts(placing, parallel, &|p| {
-            W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
+            // Nobody reads the rows of particles that sleep.
+            if !layout.is_asleep(p.first) {
+                W::write_rows(isa, p.rows, p.q[0], p.q[1], p.reached);
+            }
         });
         self.gather(finish, marks, energy)
     }

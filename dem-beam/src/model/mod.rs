@@ -49,7 +49,7 @@ use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation,
+    Arms, Breakable, Changed, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation,
     LinearModel, Model, Owned, ParticleField, State, StepBound, Stepping, Stride, Views, Watching, Weight,
     check_size, spectrum,
 };
@@ -335,23 +335,28 @@ impl Model<f64> for DemModel {
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
-        check_size(self, "inertia", out.len())?;
-        let means = self.particle_means(weight)?;
-        let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
-        for (i, w) in means.iter().enumerate().take(self.nodes.len()) {
-            linear[3 * i..3 * i + 3].fill(w * self.mass[i]);
-            angular[3 * i..3 * i + 3].fill(w * self.inertia[i]);
-        }
-        Ok(())
+        self.lump((weight, &self.bond_means(weight, None)?), out)
+    }
+
+    fn inertia_by_internal_weight(
+        &self,
+        alpha: &dyn Weight<f64>,
+        out: &mut [f64],
+    ) -> arlequin_core::Result<()> {
+        self.lump((alpha, self.body.weights()), out)
     }
 
     /// Also resets the orientations to those at rest.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
-        let bonds = self.bond_means(alpha)?;
-        self.body.set_weights(&bonds).map_err(|e| self.named_error(&e))?;
-        self.spare_overlap();
-        self.kernel.renew();
-        Ok(())
+        self.weigh(&self.bond_means(alpha, None)?)
+    }
+
+    fn change_internal_weight(
+        &mut self,
+        alpha: &dyn Weight<f64>,
+        changed: &Changed<f64>,
+    ) -> arlequin_core::Result<()> {
+        self.weigh(&self.bond_means(alpha, Some(changed))?)
     }
 
     fn add_internal_forces(&mut self, q: &[f64], f: &mut [f64]) -> arlequin_core::Result<()> {

@@ -91,6 +91,8 @@ pub struct Conversion {
     pub work: f64,
     /// Parts of the work \[J\]: potential, kinetic, rigid motion, consistent start.
     pub parts: [f64; 4],
+    /// Share of the consistent start by which jumps between displacements are closed \[J\].
+    pub closing: f64,
     /// Wall time of the look and the change \[s\].
     pub seconds: f64,
 }

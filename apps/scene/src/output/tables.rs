@@ -157,14 +157,14 @@ pub(crate) fn conversions(folder: &Path, changes: &[Conversion]) -> Result<()> {
         return Ok(());
     }
     let mut text = "time [s],step,elements before,elements,spheres before,spheres,work [J],potential [J],kinetic [J],rigid motion [J],\
-                    start [J],cost [s]\n"
+                    start [J],closing jumps [J],cost [s]\n"
         .to_owned();
     for c in changes {
         let ([a, b], [m, n], [potential, kinetic, rigid, start]) = (c.cells, c.spheres, c.parts);
         let _ = writeln!(
             text,
-            "{:e},{},{a},{b},{m},{n},{:e},{potential:e},{kinetic:e},{rigid:e},{start:e},{:e}",
-            c.time, c.step, c.work, c.seconds
+            "{:e},{},{a},{b},{m},{n},{:e},{potential:e},{kinetic:e},{rigid:e},{start:e},{:e},{:e}",
+            c.time, c.step, c.work, c.closing, c.seconds
         );
     }
     put(&folder.join("zones.csv"), &[text.as_bytes()])

@@ -14,11 +14,12 @@
 //! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
 //! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support stay with the body.
 
+use super::quiet::{PLACES, Quiet, Strain};
 use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
 use crate::setup::{Built, Grid, Moving, Share};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::core::{Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
+use arlequin::core::{Breakable, Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,11 @@ pub(crate) struct Follow {
     rows: Vec<Placed>,
     /// Elements that share a node with each element.
     neighbours: Vec<Vec<u32>>,
+    /// Elements so near to others outside of the zone that bonds in them can bring these along.
+    rim: Vec<bool>,
+    quiet: Quiet,
+    /// Probes of the body that lie in the zone by now.
+    stale: Vec<String>,
     middles: Vec<Vector3<f64>>,
     /// For each element: the support for which it stays with the body.
     barred: Vec<Option<usize>>,
@@ -137,7 +143,11 @@ impl Follow {
         let crossing = body_info.spacing / (speed * built.run.dt());
         let every = moving.limits.every.unwrap_or(1.max(crossing.floor() as usize));
         debug_assert_eq!(body.model().nodes().len(), moving.mesh()?.nodes().len());
-        Ok(Some(Self {
+        let of_elements = in_unit_strains((bonds, &of_bonds), nodes, &moving, centres.len());
+        let mut out = Self {
+            quiet: Quiet::new(field, &centres, of_elements)?,
+            rim: Vec::new(),
+            stale: Vec::new(),
             state: Followed {
                 core: shares.iter().map(|s| *s == Share::Zone).collect(),
                 conversions: Vec::new(),
@@ -154,7 +164,29 @@ impl Follow {
             log,
             shares,
             middles,
-        }))
+        };
+        out.rim = out.rim();
+        Ok(Some(out))
+    }
+
+    /// Warns of probes of the body that the zone has reached.
+    fn stale_probes(&mut self, time: f64) -> Result<Vec<String>> {
+        let (zone, mut out) = (&self.moving.name, Vec::new());
+        for name in self.moving.probes_asleep()? {
+            if self.stale.iter().all(|s| s != name) {
+                self.stale.push(name.to_owned());
+                out.push(format!(
+                    "probe '{name}' of 'body' lies in zone '{zone}' since t = {time:.4e} s: the body's elements sleep there and no \
+                     longer change; give it model = \"{zone}\""
+                ));
+            }
+        }
+        Ok(out)
+    }
+
+    fn rim(&self) -> Vec<bool> {
+        let outside = self.state.core.iter().map(|core| !core).collect();
+        self.around(outside, self.moving.limits.margin + AHEAD)
     }
 
     /// Looks at the bonds if a look is due, and moves the zone if it must. Returns warnings.
@@ -189,7 +221,10 @@ impl Follow {
         }
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
-                Ok(moved) => self.change(moved, run, since)?,
+                Ok(moved) => {
+                    self.change(moved, run, since)?;
+                    warnings.extend(self.stale_probes(run.time())?);
+                }
                 Err(e) => {
                     warnings.push(format!(
                         "zone '{}' cannot grow to where bonds are loaded: {}",
@@ -209,13 +244,14 @@ impl Follow {
         }
         if !saved.conversions.is_empty() {
             let moved = self.moving.moved(&saved.core)?;
-            let (change, mediator) = moved.rezoning()?;
+            let (change, mediator) = moved.rezoning(&self.moving)?;
             run.rezone(change).map_err(core("zone"))?;
             self.mediator = Some(mediator);
             self.shares = moved.shares()?;
             self.moving = moved;
         }
         self.state = saved;
+        self.rim = self.rim();
         Ok(())
     }
 
@@ -224,7 +260,7 @@ impl Follow {
         let shares = moved.shares()?;
         let cells = |shares: &[Share]| shares.iter().filter(|s| **s == Share::Zone).count();
         let before = cells(&self.shares);
-        let (change, mediator) = moved.rezoning()?;
+        let (change, mediator) = moved.rezoning(&self.moving)?;
         let done = run.rezone(change).map_err(core("time"))?;
         self.mediator = Some(mediator);
         // The overlap may take elements of its own accord: what the zone has is what the division says.
@@ -237,9 +273,11 @@ impl Follow {
             spheres,
             work: done.work,
             parts: [done.potential, done.kinetic, done.rigid, done.start],
+            closing: done.closing,
             seconds: since.elapsed().as_secs_f64(),
         });
         (self.moving, self.shares) = (moved, shares);
+        self.rim = self.rim();
         Ok(())
     }
 
@@ -271,17 +309,30 @@ impl Follow {
             ends.contains(&Share::Zone)
         };
         let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
-        let own = bonds.utilisations(&spheres.state().q, &awake);
-        let in_field = bonds.utilisations(&self.field_at_spheres(body, spheres), &|b| !in_zone(b));
+        let watched = |b: usize| self.rim[of_bonds[b] as usize] && awake(b);
+        let own = bonds.utilisations(&spheres.state().q, &watched);
+        let strains = self.quiet.strains(&body.state().q);
+        let loud = self.quiet.may_reach(SOON * limits.wake, &strains);
+        let looked_at = |b: usize| loud[of_bonds[b] as usize] && !in_zone(b);
+        let mut wanted = vec![false; of_spheres.len()];
+        for b in (0..pairs.len()).filter(|b| looked_at(*b)) {
+            pairs[b].iter().for_each(|i| wanted[*i as usize] = true);
+        }
+        let in_field = bonds.utilisations(&self.field_at_spheres(&wanted, body, spheres), &looked_at);
         let mut soon = vec![false; hot.len()];
+        let mut largest = vec![0.0_f64; hot.len()];
         for (b, e) in of_bonds.iter().enumerate() {
             let (e, u) = (*e as usize, in_field[b]);
+            largest[e] = largest[e].max(u);
             hot[e] |= own[b] >= HOT;
             out.core[e] |= u >= limits.wake;
             soon[e] |= u >= SOON * limits.wake;
             if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
                 out.late = Some((b, u));
             }
+        }
+        for e in (0..loud.len()).filter(|e| loud[*e]) {
+            self.quiet.note(e, strains[e], largest[e]);
         }
         hot = self.around(hot, limits.margin);
         let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
@@ -308,8 +359,8 @@ impl Follow {
         some
     }
 
-    /// Displacements and rotations of the spheres in the body's field.
-    fn field_at_spheres(&self, body: &Subdomain<f64>, spheres: &Subdomain<f64>) -> Vec<f64> {
+    /// Displacements and rotations of the `wanted` spheres in the body's field; zero for the others.
+    fn field_at_spheres(&self, wanted: &[bool], body: &Subdomain<f64>, spheres: &Subdomain<f64>) -> Vec<f64> {
         let q = &body.state().q;
         let mut out = vec![0.0; spheres.state().q.len()];
         let (linear, angular) = out.split_at_mut(spheres.model().layout().translations());
@@ -317,8 +368,11 @@ impl Follow {
             .par_chunks_exact_mut(3)
             .zip(angular.par_chunks_exact_mut(3));
         let places = self.rows.par_iter().zip(&*self.moving.responses);
-        each.zip(places)
-            .for_each(|((u, th), (Placed { row, way }, response))| {
+        each.zip(places.zip(wanted))
+            .for_each(|((u, th), ((Placed { row, way }, response), wanted))| {
+                if !wanted {
+                    return;
+                }
                 let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
                 let mut slope = Matrix3::zeros();
                 for (k, &node) in row.nodes.iter().enumerate() {
@@ -334,6 +388,43 @@ impl Follow {
             });
         out
     }
+}
+
+/// Largest utilisations of the bonds of each element in unit strains of either sign \[–\].
+fn in_unit_strains(
+    (bonds, of_bonds): (&dyn Breakable<f64>, &[u32]),
+    nodes: &[Point3<f64>],
+    moving: &Moving,
+    elements: usize,
+) -> Vec<Strain> {
+    // So small that laws with finite rotations stay linear.
+    const SMALL: f64 = 1e-6;
+    let mut out = vec![[0.0_f64; 6]; elements];
+    for (k, [i, j]) in PLACES.into_iter().enumerate() {
+        let mut strain = Matrix3::zeros();
+        strain[(i, j)] += 0.5 * SMALL;
+        strain[(j, i)] += 0.5 * SMALL;
+        for sign in [1.0, -1.0] {
+            let h: Matrix3<f64> = strain * sign;
+            let mut q = vec![0.0; 6 * nodes.len()];
+            let (linear, angular) = q.split_at_mut(3 * nodes.len());
+            let each = linear
+                .par_chunks_exact_mut(3)
+                .zip(angular.par_chunks_exact_mut(3));
+            let places = nodes.par_iter().zip(&*moving.responses);
+            each.zip(places).for_each(|((u, th), (x, response))| {
+                let own = response.at(&h);
+                u.copy_from_slice((h * x.coords + own[0]).as_slice());
+                th.copy_from_slice(own[1].as_slice());
+            });
+            let found = bonds.utilisations(&q, &|_| true);
+            for (u, e) in found.iter().zip(of_bonds) {
+                let most = &mut out[*e as usize][k];
+                *most = most.max(u / SMALL);
+            }
+        }
+    }
+    out
 }
 
 /// Element of the body at each of some places.

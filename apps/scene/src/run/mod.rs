@@ -7,6 +7,7 @@ mod follow;
 mod intrusion;
 mod origin;
 mod prepared;
+mod quiet;
 mod recorder;
 mod results;
 mod session;

@@ -54,6 +54,11 @@ impl Partners {
         })
     }
 
+    /// Returns whether the interface has an absorber.
+    pub(super) fn has_absorber(&self) -> bool {
+        self.absorber.is_some()
+    }
+
     /// Builds the interface `name` of a table for an overlap and the shape of its mediator.
     pub(super) fn tie(
         self,

@@ -296,6 +296,14 @@ impl WeightTable {
     pub fn kind(&self) -> ProfileKind {
         self.profile.unwrap_or_default()
     }
+
+    /// Returns whether the weight at a point depends on the position across the overlap alone, and not on all
+    /// nodes of the mediator.
+    pub fn is_local(&self) -> bool {
+        let own = [&self.alpha, &self.beta, &self.gamma].into_iter().flatten();
+        let mut kinds = own.map(|t| t.profile).chain([self.kind()]);
+        kinds.all(|kind| kind != ProfileKind::MediatorCompatible)
+    }
 }
 
 /// A separate weight.

@@ -2,7 +2,7 @@
 
 use super::{FLOOR, Group, INWARDS, KINDS, LEVELS, ROUND_OFF, numbers};
 use crate::extent::{Cover, length};
-use crate::geometry::{self, Cell, Sample};
+use crate::geometry::{self, Cell, Sample, inner_bounds};
 use crate::{Error, Real};
 use nalgebra::{Point3, Vector3};
 
@@ -35,7 +35,9 @@ impl<T: Real> Group<'_, T> {
         let mut total = T::zero();
         let mut samples: Vec<Sample<T>> = Vec::new();
         let cells: Vec<_> = self.members[m].extent.cells().into();
-        for cell in &cells {
+        let near = self.near;
+        let kept = |c: &&Cell<T>| near.is_none_or(|near| near(&inner_bounds(c)));
+        for cell in cells.iter().filter(kept) {
             let measure = cell.measure();
             total += measure;
             // Corners are read slightly inside of this cell, because weights may jump by epsilon at a border
@@ -134,6 +136,10 @@ impl<T: Real> Group<'_, T> {
 
     /// Checks the sums of weights at a point and adds the point to the measures of the group.
     fn visit(&mut self, s: &Station<'_, T>) {
+        // Extents are not whole elsewhere.
+        if self.near.is_some_and(|near| !near(&[*s.point; 2])) {
+            return;
+        }
         let tolerance = super::tolerance::<T>();
         for (k, o) in self.members.iter().enumerate() {
             self.covers[k] = if k == s.member {

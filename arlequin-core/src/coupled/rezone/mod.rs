@@ -25,7 +25,7 @@ use crate::effect::EffectSpec;
 use crate::error::invalid;
 use crate::interface::InterfaceSpec;
 use crate::subdomain::{OwnStep, Subdomain};
-use crate::weight::Weights;
+use crate::weight::{Changed, Weights};
 use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Vector3};
 use std::sync::Arc;
@@ -66,6 +66,7 @@ pub struct Rezoning<T: Real> {
     effects: Vec<(usize, Box<dyn EffectSpec<T>>)>,
     interfaces: Vec<InterfaceSpec<T>>,
     responses: Vec<(usize, Arc<Vec<Response<T>>>)>,
+    changed: Option<Arc<Changed<T>>>,
 }
 
 impl<T: Real> std::fmt::Debug for Rezoning<T> {
@@ -86,7 +87,16 @@ impl<T: Real> Rezoning<T> {
             effects: Vec::new(),
             interfaces,
             responses: Vec::new(),
+            changed: None,
         }
+    }
+
+    /// Tells where the new weights differ from those of before. Elsewhere cells keep their means, and sums of
+    /// weights are not checked again: a change then costs what it changes.
+    #[must_use]
+    pub fn with_changes(mut self, changed: Arc<Changed<T>>) -> Self {
+        self.changed = Some(changed);
+        self
     }
 
     /// Adds the responses of all nodes of a fine subdomain to strains of its coarse partners: what its nodes
@@ -126,6 +136,10 @@ pub struct Rezoned<T: Real> {
     pub rigid: T,
     /// Remaining part: the consistent start.
     pub start: T,
+    /// Share of the start: change of the internal energy as jumps between the displacements are closed. They
+    /// close in the metric of the masses, which is not that of the energy, so that this is nearly always
+    /// positive.
+    pub closing: T,
     /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each body of [`Coupled::bodies`], about its
     /// centre.
     pub motions: Vec<[Vector3<T>; 2]>,
@@ -189,7 +203,9 @@ impl<T: Real> Coupled<T> {
             mut effects,
             interfaces,
             responses,
+            changed,
         } = change;
+        let changed = changed.as_deref();
         // The invariant that the next step would have found. Nothing is changed before, so an error up to
         // here leaves the run usable.
         let (ahead, mut energies) = (self.invariant_ahead()?, vec![self.energies()]);
@@ -198,7 +214,7 @@ impl<T: Real> Coupled<T> {
         let givers: Vec<_> = self.subdomains.iter().map(Giver::new).collect();
         for (k, weights) in weights {
             let own_effects = effects.extract_if(.., |e| e.0 == k).map(|e| e.1).collect();
-            self.subdomains[k].reweigh(weights, own_effects)?;
+            self.subdomains[k].reweigh(weights, own_effects, changed)?;
         }
         // All weights are new by now, so that a gain is the difference between both masses of a node, in
         // whatever order the subdomains came.
@@ -207,11 +223,12 @@ impl<T: Real> Coupled<T> {
         // transfer alone.
         energies.push(self.energies());
         // After the transfer and before the start: the operators of the interfaces hold the new masses.
-        self.tie_anew(&interfaces)?;
+        self.tie_anew(&interfaces, changed)?;
         self.check_steps(&givers)?;
         // Jumps of any size are removed. At set-up a large jump is a fault of the input; a jump here comes
         // from the transfer.
         self.start_positions(Jumps::Removed)?;
+        let closing = self.energies()[0] - energies[1][0];
         let [potential, kinetic] = [0, 1].map(|k| energies[1][k] - energies[0][k]);
         let before = self.kinetic_energy();
         // The statements below keep the momenta, so one rigid motion restores them for good.
@@ -237,6 +254,7 @@ impl<T: Real> Coupled<T> {
             kinetic,
             rigid,
             start,
+            closing,
             motions,
             awake: awake.map(|(g, s)| [g.awake(), Giver::new(s).awake()]).collect(),
         })
@@ -352,8 +370,18 @@ impl<T: Real> Coupled<T> {
     }
 
     /// Builds the interfaces anew for the present weights, with all checks of the set-up.
-    fn tie_anew(&mut self, specs: &[InterfaceSpec<T>]) -> Result<()> {
-        let (partition, findings) = partition::check(&self.subdomains, specs)?;
+    fn tie_anew(&mut self, specs: &[InterfaceSpec<T>], changed: Option<&Changed<T>>) -> Result<()> {
+        let findings = if let Some(changed) = changed {
+            partition::check_changes(&self.subdomains, specs, changed)?;
+            specs
+                .iter()
+                .map(|_| Ok(partition::TieFindings::default()))
+                .collect()
+        } else {
+            let (partition, findings) = partition::check(&self.subdomains, specs)?;
+            self.partition = partition;
+            findings
+        };
         let (mut built, joints) = setup::interfaces_of(specs, findings, &self.subdomains, &mut |_| ())?;
         // Supports are compared from this instant on: what they did before is past.
         let span = motions::Span {
@@ -368,7 +396,7 @@ impl<T: Real> Coupled<T> {
         }
         self.overlaps = built.iter().map(|i| Overlap::new(i, &self.subdomains)).collect();
         self.held = built.iter().map(|i| Held::new(i, &self.subdomains)).collect();
-        (self.partition, self.interfaces, self.joints) = (partition, built, joints);
+        (self.interfaces, self.joints) = (built, joints);
         // The factor of the static twin is that of the old weights.
         self.factored = None;
         Ok(())

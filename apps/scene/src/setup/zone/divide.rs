@@ -157,12 +157,19 @@ impl<'a> Deal<'a> {
             sides: core.iter().map(side).collect(),
         };
         let border = deal.between(Side::Core);
+        let [low, high] = border.bounds();
+        // Most of the body is farther away than the width, and how far does not matter.
+        let distance = |x: &Point3<f64>| match (0..3).any(|c| x[c] < low[c] - width || x[c] > high[c] + width)
+        {
+            true => f64::INFINITY,
+            false => border.distance(x),
+        };
         // The distance at a node serves all of its elements.
-        let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| border.distance(x)).collect();
+        let at_nodes: Vec<f64> = mesh.nodes().iter().map(distance).collect();
         let slack = ON_BORDER * mesh.spacing();
         for e in (0..core.len()).filter(|e| !core[*e]) {
             let corners = mesh.element(e).iter().map(|&k| at_nodes[k as usize]);
-            let least = corners.fold(border.distance(&centroid(mesh, e)), f64::min);
+            let least = corners.fold(distance(&centroid(mesh, e)), f64::min);
             if border.is_empty() || least >= width - slack {
                 deal.sides[e] = Side::Beyond;
             }

@@ -12,16 +12,21 @@ use crate::setup::interface::BuiltInterface;
 use crate::setup::kinds::kind;
 use crate::setup::lower::following;
 use crate::setup::mesh::Grid;
+use crate::setup::names::BODY;
 use crate::setup::partners::Partners;
 use crate::setup::support;
 use crate::setup::weights::model_weights;
 use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive};
 use crate::spec::{CriterionKind, EffectKind, FollowTable};
-use arlequin::core::nalgebra::Point3;
-use arlequin::core::{Response, Rezoning};
+use arlequin::core::geometry::{BoxTree, bounds_of};
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Changed, Response, Rezoning};
 use arlequin::fem_ref::Mesh;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+/// Least number of spheres per node of the body with which an absorber works in overlaps of any shape.
+const SPHERES: f64 = 1.5;
 
 /// Models that an element of the body belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,6 +136,14 @@ impl Moving {
             return Ok(None);
         };
         let [coarse, fine] = own.partners.models;
+        let [nodes, spheres] = [coarse, fine].map(|m| bodies[m].model.nodes().len());
+        if own.partners.has_absorber() && (spheres as f64) < SPHERES * nodes as f64 {
+            let rule = format!(
+                "{spheres} spheres for {nodes} nodes of the body are too few: the absorber of a later overlap could not tell their \
+                 motion from that of the body ({SPHERES} per node are enough); take smaller spheres or larger elements"
+            );
+            return Err(key(format!("zone.{name}.spacing"), rule));
+        }
         let speed = bodies[coarse].material.as_ref().map_or(0.0, |m| m.bar_speed());
         let rate = speed / bodies[coarse].spacing;
         let motions = support::motions(scene, bodies, folder)?;
@@ -184,6 +197,23 @@ impl Moving {
         self.piece.barred(&self.scene, &self.folder)
     }
 
+    /// Returns the names of the probes of the body that lie in the zone, where its elements sleep.
+    pub(crate) fn probes_asleep(&self) -> Result<Vec<&str>> {
+        let of_body = self
+            .scene
+            .probe
+            .iter()
+            .filter(|(_, p)| p.model.as_deref() == Some(BODY));
+        let mut out = Vec::new();
+        for (name, probe) in of_body {
+            let [whole, part] = self.piece.zones_of_probe(probe, &self.folder)?;
+            if whole.or(part).is_some() {
+                out.push(&**name);
+            }
+        }
+        Ok(out)
+    }
+
     /// Name of a support in messages.
     pub(crate) fn support(&self, k: usize) -> String {
         held::label(&self.scene, k)
@@ -231,11 +261,47 @@ impl Moving {
         })
     }
 
-    /// Returns the change of weights that brings a run to this zone, and the new mediator for output.
+    /// Returns where the weights of this zone may differ from those of the zone `before`.
+    fn changed_since(&self, before: &Self) -> Result<Arc<Changed<f64>>> {
+        let [old, new] = [before, self].map(|m| m.piece.cut.division(&m.folder));
+        let (old, new) = (old?, new?);
+        let mesh = new.field.mesh();
+        let differs = |e: &usize| {
+            let moved = |k: &u32| {
+                let [a, b] = [old, new].map(|d| d.zones[0].positions[*k as usize]);
+                a.to_bits() != b.to_bits()
+            };
+            old.owners[*e] != new.owners[*e]
+                || matches!(new.owners[*e], Owner::Both(_)) && mesh.element(*e).iter().any(moved)
+        };
+        let box_of = |e: usize| {
+            let corners = mesh.element(e).iter();
+            bounds_of(corners.map(|k| &mesh.nodes()[*k as usize]))
+        };
+        let elements = (0..mesh.element_count()).filter(differs);
+        let tree = BoxTree::new(elements.map(box_of).collect());
+        let (field, margin) = (new.field.clone(), Vector3::repeat(mesh.spacing()));
+        Ok(Arc::new(move |[low, high]: &[Point3<f64>; 2]| {
+            let meets = |bounds: &[Point3<f64>; 2]| tree.any(bounds, &mut |_| true);
+            if !meets(&[low - margin, high + margin]) {
+                return false;
+            }
+            // A point outside of the body has the position of an element beside it.
+            let corner = |k: usize| {
+                let end = |c: usize| if k >> c & 1 == 0 { low[c] } else { high[c] };
+                Point3::new(end(0), end(1), end(2))
+            };
+            let sticks_out = || (0..8).any(|k| field.element_at(&corner(k)).is_none());
+            meets(&[*low, *high]) || sticks_out()
+        }))
+    }
+
+    /// Returns the change of weights that brings a run from the zone `before` to this one, and the new
+    /// mediator for output.
     ///
     /// # Errors
     /// See [`Self::moved`].
-    pub(crate) fn rezoning(&self) -> Result<(Rezoning<f64>, Grid)> {
+    pub(crate) fn rezoning(&self, before: &Self) -> Result<(Rezoning<f64>, Grid)> {
         let overlap = self.piece.overlap(&self.folder)?;
         let shape = BodyShape::Piece(self.piece.clone());
         let place = (&self.table, self.folder.as_path());
@@ -249,6 +315,9 @@ impl Moving {
         let [built] = joints;
         let mut change =
             Rezoning::new(vec![built.spec]).with_responses(self.models()[1], self.responses.clone());
+        if self.table.weight.is_local() {
+            change = change.with_changes(self.changed_since(before)?);
+        }
         for (m, w) in weights {
             change = change.with_weights(m, w);
             let [first, last] = drive::simple_effects(&self.scene, m)?;

@@ -118,10 +118,12 @@ impl Overlap<f64> for Layer {
     /// several elements or in a hexahedron, where positions are not linear, needs one. A cell across a
     /// border, as cells of natural elements may be, needs two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
-        let corners = cell.corners();
-        if corners.iter().all(|x| self.is_beyond(x)) {
+        let [low, high] = cell.bounds();
+        // Boxes, not corners: a cell may cut through an edge of the zone's box with all corners outside.
+        if (0..3).any(|c| high[c] < self.bounds[0][c] || low[c] > self.bounds[1][c]) {
             return Some(CellPlace::Coarse);
         }
+        let corners = cell.corners();
         let sum = corners.iter().fold(Vector3::zeros(), |s, x| s + x.coords);
         let middle = Point3::from(sum / corners.len() as f64);
         let owner_of = |e: usize| match self.owners[e] {

@@ -44,7 +44,7 @@ pub(in crate::setup) fn with_probes_in_zones(
 impl Piece {
     /// Returns two names of zones: that of the zone whose model a probe of the body reads, and that of a zone
     /// that holds a part of the probe's place while the body's own model holds the other part.
-    fn zones_of_probe(&self, probe: &Probe, folder: &Path) -> Result<[Option<&str>; 2]> {
+    pub(super) fn zones_of_probe(&self, probe: &Probe, folder: &Path) -> Result<[Option<&str>; 2]> {
         let division = self.cut.division(folder)?;
         let at = |x: Point3<f64>| Ok([self.zone_beyond_body(&x, division)?, None]);
         if let Some(x) = probe.at {
