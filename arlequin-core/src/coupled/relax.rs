@@ -10,7 +10,7 @@
 //! `ω` is the Rayleigh quotient of the motion, with the accelerations `a` and, one step before, `a₋`.
 //! Near-critical damping of fast motion lets it die first; what is left moves with a lower `ω`, down to the
 //! slowest motion, which is then critically damped. A body that hangs on one bond swings over thousands of
-//! steps: it comes to rest within about one period. Velocities that are set to zero at each peak of kinetic
+//! steps: it comes to rest within a few periods. Velocities that are set to zero at each peak of kinetic
 //! energy (kinetic damping, Cundall 1976) let it creep, because the fast motions have peaks all the time.
 //!
 //! A loose piece that drifts has no stiffness and would take all damping away (`ω` = 0). The second term,

@@ -16,21 +16,28 @@ fn run(text: &str) -> Results {
     scene.prepare().unwrap().run(&mut Silent).unwrap()
 }
 
-/// Returns a cantilever of 30 by 4 by 4 spheres that is cut a quarter along, but for a corner of this size
-/// \[m\].
-fn cantilever(corner: f64) -> String {
-    let plane = format!("point = [{NOTCH:e}, 0.0, 0.0], normal = [1.0, 0.0, 0.0]");
+/// Returns a cantilever of 30 by 4 by 4 spheres, with these notches a quarter along.
+fn cantilever(notches: &str) -> String {
     format!(
         "[model.arm]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\
          shape.box = {{ low = [0.0, 0.0, 0.0], high = [12e-3, 1.6e-3, 1.6e-3] }}\n\
-         material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n\
-         dem.notch = [\
-         {{ plane = {{ {plane}, within = {{ low = [0.0, {corner:e}, 0.0], high = [12e-3, 1.6e-3, 1.6e-3] }} }} }}, \
-         {{ plane = {{ {plane}, within = {{ low = [0.0, 0.0, {corner:e}], high = [12e-3, 1.6e-3, 1.6e-3] }} }} }}]\n\
+         material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n{notches}\
          [[support]]\nmodel = \"arm\"\nwhere = \"x-min\"\n\
          [[load]]\nmodel = \"arm\"\nwhere = \"x-max\"\nforce = [0.0, 0.0, 1e-3]\ntime = \"step\"\n\
          [probe.tip]\nmodel = \"arm\"\nwhere = \"x-max\"\ncomponent = \"z\"\n[static]\nsteps = 1\n"
     )
+}
+
+/// Returns notches that leave a corner of 0.45 mm.
+fn all_but_a_corner() -> String {
+    let plane = |low: &str| {
+        format!(
+            "{{ plane = {{ point = [{NOTCH:e}, 0.0, 0.0], normal = [1.0, 0.0, 0.0], \
+             within = {{ low = {low}, high = [12e-3, 1.6e-3, 1.6e-3] }} }} }}"
+        )
+    };
+    let [beside, above] = ["[0.0, 0.45e-3, 0.0]", "[0.0, 0.0, 0.45e-3]"].map(plane);
+    format!("dem.notch = [{beside}, {above}]\n")
 }
 
 /// Number of bonds across the plane of the notch.
@@ -43,29 +50,31 @@ fn bonds_left(text: &str) -> usize {
     model.views().links.unwrap().pairs().iter().filter(across).count()
 }
 
-/// An arm that hangs on one bond swings over thousands of steps. Velocities that are set to zero at each peak
-/// of kinetic energy let it creep.
+/// An arm that hangs on one bond swings over tens of thousands of steps; under critical damping it takes
+/// about three periods to a residual of 1e-6.
 #[test]
 fn an_arm_that_hangs_on_one_bond_reaches_the_equilibrium_of_the_direct_solution() {
-    let corners = (1..160).map(|k| 1e-5 * f64::from(k));
-    let text = corners.map(cantilever).find(|t| bonds_left(t) == 1).unwrap();
+    let text = cantilever(&all_but_a_corner());
+    assert_eq!(bonds_left(&text), 1);
     let direct = run(&text);
     assert_eq!(direct.summary().load_steps[0].method, "direct");
     let relaxed = run(&format!("{text}{FAR_PLANE}"));
     let step = &relaxed.summary().load_steps[0];
-    let [a, b] = [&direct, &relaxed].map(|r| r.probe("tip").unwrap().1[0]);
+    let tip = |r: &Results| r.probe("tip").unwrap().1[0];
+    let [a, b] = [&direct, &relaxed].map(tip);
     println!(
         "{} steps to {:e}; the tip moves by {a:e} and {b:e} m",
         step.iterations, step.residual
     );
-    assert!(step.method == "relaxed" && step.residual <= 1e-6 && step.iterations <= 20_000);
-    assert!((b / a - 1.0).abs() < 1e-3, "{a:e}, {b:e}");
-    // The bond bends more than the whole arm would.
-    let whole = run(&cantilever(1.7e-3)).probe("tip").unwrap().1[0];
-    assert!(a > 10.0 * whole, "{a:e}, {whole:e}");
+    assert!(step.method == "relaxed" && step.residual <= 1e-6 && step.iterations <= 100_000);
+    assert!((b / a - 1.0).abs() < 2e-3, "{a:e}, {b:e}");
+    // The bond bends more than the whole arm does.
+    let whole = tip(&run(&cantilever("")));
+    assert!(a > 30.0 * whole, "{a:e}, {whole:e}");
 }
 
-/// A block that is torn along three axes at once sends pieces away. Each load step comes to rest.
+/// A block that is torn along three axes at once sends pieces away. With velocities set to zero at each peak
+/// of kinetic energy, the first load step after the break took 150 000 steps.
 #[test]
 fn pieces_that_drift_come_to_rest() {
     let mut text = "[model.block]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\
@@ -77,7 +86,7 @@ fn pieces_that_drift_come_to_rest() {
         text += &format!(
             "[[support]]\nmodel = \"block\"\nwhere = \"{axis}-min\"\ncomponents = [\"{axis}\"]\n\
              [[support]]\nmodel = \"block\"\nwhere = \"{axis}-max\"\ncomponents = [\"{axis}\"]\n\
-             motion = {{ amplitude = 4e-6, time.table = [[0.0, 0.0], [1.0, 1.0]] }}\n"
+             motion = {{ amplitude = 2e-6, time.table = [[0.0, 0.0], [1.0, 1.0]] }}\n"
         );
     }
     let results = run(&text);
@@ -86,7 +95,7 @@ fn pieces_that_drift_come_to_rest() {
     let facts = &results.summary().effect_ledger[0].facts;
     println!("steps {iterations:?}, {facts:?}");
     assert!(steps.len() == 10 && steps.iter().all(|s| s.residual <= 1e-5));
-    assert!(iterations.iter().all(|n| *n <= 10_000));
+    assert!(iterations.iter().all(|n| *n <= 2000));
     assert!(facts["broken bonds"] >= 50.0);
 }
 
