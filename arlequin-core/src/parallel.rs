@@ -31,6 +31,15 @@ pub fn copy<T: Real>(target: &mut [T], source: &[T]) {
         .for_each(|(target, source)| target.copy_from_slice(source));
 }
 
+/// Multiplies all numbers by a factor.
+pub(crate) fn scale<T: Real>(factor: T, x: &mut [T]) {
+    let part = |x: &mut [T]| x.iter_mut().for_each(|x| *x *= factor);
+    if !pays(x.len()) {
+        return part(x);
+    }
+    x.par_chunks_mut(CHUNK).for_each(part);
+}
+
 /// Sum over `0..n`, where `part` returns the sum over a range.
 pub fn sum<T: Real>(n: usize, part: &(dyn Fn(Range<usize>) -> T + Sync)) -> T {
     sum_of(n, part)

@@ -25,6 +25,7 @@ mod partition;
 mod portions;
 mod reaction;
 mod reflection;
+mod relax;
 mod rezone;
 mod settle;
 mod setup;

@@ -309,7 +309,6 @@ impl<T: Real> System<T> {
     /// Returns the scaled matrix and right-hand side, with prescribed unknowns eliminated.
     fn reduced(&self, full: &CsMat<T>, weight: &[T]) -> (CsMat<T>, Vec<T>) {
         let (n, fixed, values) = (self.rhs.len(), &self.fixed, &self.values);
-        let mut system = TriMat::with_capacity((n, n), full.nnz());
         let scaled = |i: usize| {
             if fixed[i] {
                 values[i] / weight[i]
@@ -318,22 +317,28 @@ impl<T: Real> System<T> {
             }
         };
         let mut b: Vec<T> = (0..n).map(scaled).collect();
-        for (v, (i, j)) in full.iter() {
+        let mut starts = vec![0];
+        let (mut columns, mut entries) = (Vec::with_capacity(full.nnz()), Vec::with_capacity(full.nnz()));
+        for (i, row) in full.outer_iterator().enumerate() {
             // Columns of prescribed unknowns go to the right-hand side, their rows become those of the
             // identity.
             if fixed[i] {
-                continue;
-            }
-            if fixed[j] {
-                b[i] -= *v * weight[i] * values[j];
+                columns.push(i);
+                entries.push(T::one());
             } else {
-                system.add_triplet(i, j, *v * weight[i] * weight[j]);
+                for (j, v) in row.iter() {
+                    if fixed[j] {
+                        b[i] -= *v * weight[i] * values[j];
+                    } else {
+                        columns.push(j);
+                        entries.push(*v * weight[i] * weight[j]);
+                    }
+                }
             }
+            starts.push(columns.len());
         }
-        (0..n)
-            .filter(|&i| fixed[i])
-            .for_each(|i| system.add_triplet(i, i, T::one()));
-        (system.to_csc(), b)
+        // The matrix is symmetric: its rows are its columns, and need no sorting again.
+        (CsMat::new_csc((n, n), starts, columns, entries), b)
     }
 }
 
@@ -389,16 +394,20 @@ fn refined<T: Real>(a: &CsMat<T>, factor: &mut Factor<T>, b: &[T], moving: usize
     let mut x = b.to_vec();
     factor.solve(&mut x);
     let mut changed = true;
+    let mut last = T::of(f64::INFINITY);
     for _ in 0..factor.refinements() {
         let mut r = residual(a, &x, b);
         factor.solve(&mut r);
         x.iter_mut().zip(&r).for_each(|(x, r)| *x += *r);
         let (change, size) = (norm(&r[..moving]), norm(&x[..moving]));
         changed = change > size * T::of(CHANGE_LIMIT).max(T::epsilon().sqrt());
-        // A few units in the last place: further refinement only shuffles round-off.
-        if change <= size * T::epsilon() * T::of(8.0) {
+        // A few units in the last place, or a change that is small and does not fall any more: further
+        // refinement only shuffles round-off.
+        let stalls = change <= size * T::epsilon().sqrt() && change > last * T::of(0.5);
+        if stalls || change <= size * T::epsilon() * T::of(8.0) {
             break;
         }
+        last = change;
     }
     let r = residual(a, &x, b);
     let top = a.iter().fold(T::zero(), |s, (v, _)| s.max(v.abs()));

@@ -114,7 +114,7 @@ impl<T: Real> Subdomain<T> {
     }
 
     /// Sums several numbers at once, like [`Self::sum`].
-    fn sums<const N: usize>(&self, part: &(dyn Fn(Range<usize>) -> [T; N] + Sync)) -> [T; N] {
+    pub(super) fn sums<const N: usize>(&self, part: &(dyn Fn(Range<usize>) -> [T; N] + Sync)) -> [T; N] {
         let layout = self.model.layout();
         let (d, r, first) = (layout.components, layout.rotations, layout.translations());
         let of_nodes = |n: Range<usize>| {

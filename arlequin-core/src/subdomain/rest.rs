@@ -3,8 +3,9 @@
 use super::account::Energies;
 use super::{Stepper, Subdomain};
 use crate::effect::Instant;
+use crate::model::State;
 use crate::weight::Weighting;
-use crate::{Real, Result};
+use crate::{Real, Result, parallel};
 
 impl<T: Real> Subdomain<T> {
     /// Returns the reason why the equilibrium is not the solution of one linear system; `None` if it is.
@@ -38,6 +39,17 @@ impl<T: Real> Subdomain<T> {
     /// Returns whether the model would stay as it is at rest in the displacements `q`.
     pub(crate) fn stays(&mut self, q: &[T]) -> bool {
         self.model.evolving().is_none_or(|model| model.stays(q))
+    }
+
+    /// Returns `−Σ m v (a − a₋)` and `Σ m v²` over the unknowns, with the accelerations `before` of one step
+    /// earlier. The first over the second and the step is the square of a frequency, the Rayleigh quotient of
+    /// the motion: multipliers do not count, as they have no power on velocities that fulfil the constraints.
+    pub(crate) fn motion_sums(&self, before: &[T]) -> [T; 2] {
+        let (m, State { v, a, .. }) = (&self.inertia, &self.state);
+        self.sums(&|range| {
+            let stiff = range.clone().map(|i| m[i] * v[i] * (before[i] - a[i])).sum();
+            [stiff, parallel::weighted_squares(&m[range.clone()], &v[range])]
+        })
     }
 
     /// Sets displacements at a time \[s\], with zero velocities and accelerations, and evaluates all forces

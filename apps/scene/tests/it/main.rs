@@ -19,6 +19,7 @@ mod plate_with_hole;
 mod ranks;
 mod reactions;
 mod refusals;
+mod relaxation;
 mod rooms;
 mod shipped;
 mod statics;
