@@ -101,6 +101,9 @@ pub(super) struct Seeker {
     pub(super) at: Vector3<f64>,
     /// Outward normal of the surface to which the point belongs, of any length; `None` for spheres.
     pub(super) normal: Option<Vector3<f64>>,
+    /// Radius of a sphere \[m\]. Its centre may lie as deep, no deeper: all facets within the radius are
+    /// known, so that the nearest of them says on which side the centre lies.
+    pub(super) radius: f64,
 }
 
 /// Finds the foot of a point among some facets, whose nodes are at `place`.
@@ -130,7 +133,7 @@ pub(super) fn foot<'a>(
             let normal = if size > EQUAL * facet.size { d / size } else { n };
             match height >= 0.0 {
                 true => Some((size, normal)),
-                false => (size <= facet.depth).then_some((-size, -normal)),
+                false => (size <= facet.depth.min(seeker.radius)).then_some((-size, -normal)),
             }
         };
         let Some((distance, normal)) = found else {
@@ -202,8 +205,8 @@ mod tests {
             "half of the thickness"
         );
         let see = |x: f64, y: f64, z: f64, normal: Option<Vector3<f64>>| {
-            let at = Vector3::new(x, y, z);
-            foot(&Seeker { at, normal }, facets.iter(), |n| {
+            let (at, radius) = (Vector3::new(x, y, z), 0.2);
+            foot(&Seeker { at, normal, radius }, facets.iter(), |n| {
                 nodes[n as usize].coords
             })
         };

@@ -157,6 +157,7 @@ impl Near {
             let seeker = Seeker {
                 at: p.rest.coords + p.place.value(q[s]),
                 normal: (!own.turns).then_some(p.normal),
+                radius: own.radius(k),
             };
             let near = facets[starts[n]..starts[n + 1]].iter();
             let near = near.map(|f| &other.facets[*f as usize]);
