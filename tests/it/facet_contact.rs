@@ -348,8 +348,8 @@ fn patch(kind: &str, counts: [usize; 2]) -> f64 {
 }
 
 #[test]
-fn the_patch_test_of_contact_holds_within_two_per_cent() {
-    for (counts, limit) in [([2, 2], 1e-12), ([3, 4], 0.02)] {
+fn the_patch_test_of_contact_holds_within_a_per_cent() {
+    for (counts, limit) in [([2, 2], 1e-10), ([3, 4], 0.01)] {
         let error = patch("tet", counts);
         assert!(error < limit, "{counts:?}: {error:e}");
     }
@@ -419,10 +419,7 @@ fn depth(run: &Coupled<f64>) -> f64 {
             .iter()
             .map(|t| t.map(|n| nodes[n as usize]))
             .collect();
-        // The hull of natural elements may have gaps of round-off; their nodes are looked at all the same.
-        let Ok(solid) = Solid::new(faces) else {
-            continue;
-        };
+        let solid = Solid::new(faces).unwrap();
         for x in places(own) {
             deepest = deepest.max(-solid.distance(&x).0);
         }
@@ -430,7 +427,7 @@ fn depth(run: &Coupled<f64>) -> f64 {
     deepest
 }
 
-/// Random pairs of turned blocks of every kind are shot at each other: none passes through, whatever the step.
+/// Random pairs of turned blocks are shot at each other: none passes through, whatever the step.
 #[test]
 fn forty_random_turned_pairs_do_not_pass_through() {
     let mut seed = 11_u64;
@@ -442,8 +439,8 @@ fn forty_random_turned_pairs_do_not_pass_through() {
     };
     let kinds = [
         ("hex", "tet"),
-        ("tet", "cnem"),
-        ("cnem", "hex"),
+        ("tet", "hex"),
+        ("hex", "hex"),
         ("hex", "dem"),
         ("dem", "tet"),
     ];
@@ -511,6 +508,13 @@ fn pairs_are_refused_by_name() {
     let error = refuse(&a.exterior, &b.exterior, rolls);
     assert!(
         error.contains("'contact below-above'") && error.contains("rolling"),
+        "{error}"
+    );
+    // The facets of a hull of turned natural elements look both ways.
+    let turned = block("cnem", "turned", z, [2; 3], H, Vector3::new(0.4, 0.5, 0.3));
+    let error = refuse(&a.exterior, &turned.exterior, law);
+    assert!(
+        error.contains("surface of 'turned'") && error.contains("outwards"),
         "{error}"
     );
     // One block begins within the other.

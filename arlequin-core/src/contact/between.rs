@@ -57,7 +57,8 @@ impl SurfaceContact {
     /// Contact between two models; its name is `contact A-B`.
     ///
     /// # Errors
-    /// [`Error::InvalidParameter`] for parameters of the law and for two models without facets.
+    /// [`Error::InvalidParameter`] for parameters of the law, for two models without facets, and for a surface
+    /// whose facets do not all look outwards.
     pub fn new(first: &Exterior, second: &Exterior, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let name = format!("contact {}-{}", first.name, second.name);
@@ -73,6 +74,8 @@ impl SurfaceContact {
             let rule = "must have facets, or take the contact of particles";
             return Err(invalid(&format!("models of '{name}'"), "spheres", rule));
         }
+        first.check()?;
+        second.check()?;
         Ok(Self(Contacts {
             sides: [Side::new(first, second)?, Side::new(second, first)?],
             near: Near::new(law.skin * first.size().min(second.size())),

@@ -5,6 +5,7 @@ use super::place::Place;
 use super::points::{self, SurfacePoint};
 use super::{ContactLaw, End};
 use crate::effect::{Host, Instant};
+use crate::error::invalid;
 use crate::model::Model;
 use crate::weight::Uniform;
 use crate::{Error, Result};
@@ -16,6 +17,9 @@ const SPACING: f64 = 0.5;
 const FINEST: f64 = 1.0 / 16.0;
 /// Part of the stiffness that each of two surfaces contributes, as the points of both act.
 const BOTH: f64 = 0.5;
+
+/// Sum of the area vectors of a closed surface over its area, at most.
+const CLOSED: f64 = 1e-6;
 
 /// The exterior of a model at rest: remains available when the model has moved into a run.
 #[derive(Debug, Clone)]
@@ -64,6 +68,30 @@ impl Exterior {
     #[must_use]
     pub fn has_facets(&self) -> bool {
         matches!(self.kind, Kind::Facets(_))
+    }
+
+    /// Refuses a surface whose facets do not all look outwards: points would pass through those that do not.
+    /// The area vectors of a closed surface sum to zero, and the volume inside is positive.
+    pub(super) fn check(&self) -> Result<()> {
+        let Kind::Facets(triangles) = &self.kind else {
+            return Ok(());
+        };
+        let (mut sum, mut area, mut volume) = (Vector3::zeros(), 0.0, 0.0);
+        for t in triangles {
+            let [a, b, c] = t.map(|n| self.nodes[n as usize]);
+            let doubled = (b - a).cross(&(c - a));
+            sum += doubled;
+            area += doubled.norm();
+            volume += (a - self.nodes[triangles[0][0] as usize]).dot(&doubled);
+        }
+        if sum.norm() <= CLOSED * area && volume > 0.0 {
+            return Ok(());
+        }
+        Err(invalid(
+            &format!("surface of '{}' in contact", self.name),
+            format_args!("{} facets", triangles.len()),
+            "must be closed with all facets outwards, which they are not; take kind = \"fem\" for this body",
+        ))
     }
 
     /// Mean size of the facets, or mean radius of the spheres \[m\].
