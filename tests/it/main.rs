@@ -10,6 +10,7 @@ mod cracks;
 mod determinism;
 mod displacement_jump;
 mod energy_release;
+mod facet_contact;
 mod fracture_benchmarks;
 mod hard_cases;
 mod multipliers;

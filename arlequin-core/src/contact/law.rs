@@ -30,7 +30,8 @@ pub struct ContactLaw {
     pub shear_ratio: f64,
     /// Rolling resistance (lever over reduced radius), 0 for none.
     pub rolling: f64,
-    /// Skin of the neighbour list in mean radii: a larger skin lists more pairs and searches less often.
+    /// Skin of the neighbour list in mean radii, or mean sizes of the facets if they are smaller: a larger
+    /// skin lists more pairs and searches less often.
     pub skin: f64,
 }
 

@@ -1,5 +1,6 @@
 //! Contact with penalty springs and energy budgets, for everything that has a surface: the law, the budget of
-//! a contact, rigid shapes and their motion, and the contact of surfaces with rigid bodies.
+//! a contact, rigid shapes and their motion, and the contact of surfaces with rigid bodies, with spheres and
+//! with each other.
 //!
 //! Particles have their own lists of pairs in the crate of their model; they use the law, the budgets and the
 //! rigid bodies of this module.
@@ -12,16 +13,28 @@
 //! | `rigid` | [`RigidBody`] and [`SharedBody`]: a rigid body that moves, touched by one model or several |
 //! | `points` | points of a surface at which contact acts |
 //! | `obstacle` | [`SurfaceObstacle`]: the surface of a continuum against a rigid body |
+//! | `exterior` | [`Exterior`]: facets or spheres of a model |
+//! | `facet`, `search` | the foot of a point on facets; points near facets |
+//! | `between` | [`SurfaceContact`]: a surface against spheres or against another surface |
+//! | `closed`, `place` | closed contacts with their springs; places on facets |
 
+mod between;
 mod budget;
+mod closed;
+mod exterior;
+mod facet;
 mod law;
 mod obstacle;
+mod place;
 mod points;
 mod rigid;
+mod search;
 mod shape;
 mod solid;
 
+pub use between::SurfaceContact;
 pub use budget::{BudgetedLaw, End};
+pub use exterior::Exterior;
 pub use law::{ContactLaw, Pair, Response, Spring};
 pub use obstacle::SurfaceObstacle;
 pub use rigid::{RigidBody, SharedBody};

@@ -8,8 +8,10 @@
 //! Forces are added point after point in an order that is reversed in every step, so results do not depend
 //! on the number of threads. A step allocates nothing except where the list of near points grows.
 
+use super::closed::{Active, Closed};
+use super::place::Place;
 use super::points::{self, SurfacePoint};
-use super::{BudgetedLaw, ContactLaw, End, Pair, RigidBody, SharedBody, Spring, Twist};
+use super::{ContactLaw, End, Pair, RigidBody, SharedBody, Twist};
 use crate::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use crate::error::invalid;
 use crate::model::Model;
@@ -22,22 +24,6 @@ use nalgebra::{Point3, Vector3};
 const SKIN: f64 = 0.5;
 /// Part of a facet's size by which its points may overlap the body at the start.
 const DEEPEST: f64 = 0.5;
-/// Numbers of a closed contact in a record.
-const WIDTH: usize = 8;
-
-/// A closed contact and its response in the last step.
-#[derive(Debug, Clone, Copy)]
-struct Active {
-    point: u32,
-    /// Force on the surface \[N\].
-    force: Vector3<f64>,
-    /// Torque on the body if it rotates \[N m\].
-    back: Vector3<f64>,
-    stored: f64,
-    /// Power on the velocities after the step, from the forces that were known \[W\].
-    expected: f64,
-}
-
 /// Specification of a rigid body that the surface of a continuum touches, an effect on its subdomain.
 #[derive(Debug)]
 pub struct SurfaceObstacle(Contacts);
@@ -51,22 +37,19 @@ struct Contacts {
     body: SharedBody,
     /// Number of the model among those that touch the body.
     share: usize,
-    law: BudgetedLaw,
+    closed: Closed,
     points: Vec<SurfacePoint>,
     /// Gap at rest of each point that overlaps the body (negative), else zero \[m\].
     allowed: Vec<f64>,
-    springs: Vec<Spring>,
     /// Weighted over unweighted mass, and inverse of the weighted mass \[1/kg\], of each point.
     weight: Vec<f64>,
     inverse_mass: Vec<f64>,
     /// Inverse inertia of every unknown, and the forces of the effect so far in this step.
     inverse_inertia: Vec<f64>,
     own_forces: Vec<f64>,
-    active: Vec<Active>,
     near: Near,
     demand: StepDemand<f64>,
     checked: bool,
-    backwards: bool,
 }
 
 /// Points within reach of the body. The list holds until nodes and body together have moved by the skin.
@@ -107,7 +90,7 @@ impl SurfaceObstacle {
         let mean = points.iter().map(|p| p.size).sum::<f64>() / points.len().max(1) as f64;
         let out = Self(Contacts {
             allowed: points.iter().map(at_rest).collect(),
-            springs: vec![Spring::default(); points.len()],
+            closed: Closed::new(law, points.len()),
             near: Near {
                 skin: SKIN * mean,
                 points: Vec::new(),
@@ -120,11 +103,8 @@ impl SurfaceObstacle {
             inverse_mass: Vec::new(),
             inverse_inertia: Vec::new(),
             own_forces: Vec::new(),
-            active: Vec::new(),
             demand: StepDemand::none(),
             checked: false,
-            backwards: false,
-            law: BudgetedLaw::new(law),
             share: 0,
             body: body.clone(),
             points,
@@ -175,12 +155,11 @@ impl Contacts {
     /// Corrects the budgets for forces in the last step that were unknown when contacts were computed.
     fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
         let [velocity, spin] = rigid.velocity();
-        for a in &self.active {
-            let p = a.point as usize;
-            let speed = self.points[p].value(instant.v_half) - velocity;
-            let power = a.force.dot(&speed) + a.back.dot(&spin);
-            self.springs[p].budget -= 0.5 * instant.dt * (power - a.expected);
-        }
+        let points = &self.points;
+        self.closed.settle(instant.dt, |a| {
+            let speed = points[a.point as usize].place.value(instant.v_half) - velocity;
+            a.force.dot(&speed) + a.torque.dot(&spin)
+        });
     }
 
     /// Rebuilds the list of near points if it no longer holds.
@@ -203,47 +182,47 @@ impl Contacts {
         (near.moved, near.is_built) = (moved, true);
         near.points.clear();
         for (k, p) in self.points.iter().enumerate() {
-            if rigid.shape().distance(&(p.rest + p.value(q)), &moved).0 < near.skin {
+            if rigid.shape().distance(&(p.rest + p.place.value(q)), &moved).0 < near.skin {
                 near.points.push(k as u32);
-            } else if self.springs[k].closed {
+            } else {
                 // A point off the list cannot touch: its contact starts anew when it returns.
-                self.springs[k] = Spring::default();
+                self.closed.open(k);
             }
         }
     }
 
     /// Computes all contacts and adds their forces to `f`.
     fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) {
-        self.active.clear();
-        self.law.begin(instant.dt);
+        self.closed.begin(instant.dt);
         let count = self.near.points.len();
         // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
-            let n = if self.backwards { count - 1 - n } else { n };
-            let k = self.near.points[n] as usize;
-            let x = self.points[k].rest + self.points[k].value(instant.q);
+            let k = self.near.points[self.closed.turn(n, count)] as usize;
+            let x = self.points[k].rest + self.points[k].place.value(instant.q);
             let (distance, normal) = rigid.shape().distance(&x, &rigid.moved());
             let gap = self.allowed[k] - distance;
             if gap > 0.0 && self.weight[k] > 0.0 {
                 self.close(k, gap, (distance, normal), rigid, instant, f);
-            } else if self.springs[k].closed {
-                self.springs[k] = Spring::default();
+            } else {
+                self.closed.open(k);
             }
         }
-        self.law.end(instant.dt);
-        self.backwards = !self.backwards;
+        self.closed.end(instant.dt);
         if instant.dt > 0.0 {
             let obstacle = rigid.end(instant).after;
-            for a in &mut self.active {
+            for a in &mut self.closed.active {
                 let p = &self.points[a.point as usize];
-                let after = p.end(instant, &self.inverse_inertia, f, &self.own_forces).after;
+                let after = p
+                    .place
+                    .end(instant, &self.inverse_inertia, f, &self.own_forces)
+                    .after;
                 let speed = Vector3::from([0, 1, 2].map(|c: usize| after[c] - obstacle[c]));
                 let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
-                a.expected = a.force.dot(&speed) + a.back.dot(&spin);
+                a.expected = a.force.dot(&speed) + a.torque.dot(&spin);
             }
         }
-        for a in &self.active {
-            for (n, _) in self.points[a.point as usize].nodes() {
+        for a in &self.closed.active {
+            for (n, _) in self.points[a.point as usize].place.nodes() {
                 // Taken, so that a node of several contacts gets the forces once.
                 let own = &mut self.own_forces[3 * n..3 * n + 3];
                 let sums = f[3 * n..3 * n + 3].iter_mut().zip(own);
@@ -267,7 +246,7 @@ impl Contacts {
         let pair = Pair {
             normal,
             gap,
-            stiffness: self.law.law.modulus * point.stiffness,
+            stiffness: self.closed.law.law.modulus * point.stiffness,
             reduced_radius: 0.0,
             // The distance of the point from the centre of a ball: the torque is the moment of the force.
             arms: [turns.map_or(0.0, |(radius, _)| radius + distance), 0.0],
@@ -276,7 +255,7 @@ impl Contacts {
             motion: [
                 Twist { linear, angular },
                 Twist {
-                    linear: point.value(instant.v_half),
+                    linear: point.place.value(instant.v_half),
                     angular: Vector3::zeros(),
                 },
             ],
@@ -289,17 +268,23 @@ impl Contacts {
         let ends = || {
             [
                 obstacle,
-                point.end(instant, &self.inverse_inertia, f, &self.own_forces),
+                point
+                    .place
+                    .end(instant, &self.inverse_inertia, f, &self.own_forces),
             ]
         };
-        let spring = &mut self.springs[k];
-        let r = self.law.respond(&pair, turns.is_some(), ends, instant.dt, spring);
-        self.points[k].add(&r.force, &mut self.own_forces);
+        let spring = &mut self.closed.springs[k];
+        let r = self
+            .closed
+            .law
+            .respond(&pair, turns.is_some(), ends, instant.dt, spring);
+        self.points[k].place.add(&r.force, &mut self.own_forces);
         rigid.push(self.share, &-r.force, &r.torque[0]);
-        self.active.push(Active {
+        self.closed.active.push(Active {
             point: k as u32,
+            foot: Place::default(),
             force: r.force,
-            back: r.torque[0],
+            torque: r.torque[0],
             stored: r.stored,
             expected: 0.0,
         });
@@ -309,15 +294,15 @@ impl Contacts {
     ///
     /// The springs add at most `max_i Σ_p k_p w_pi/m_i` to `ω²`: a row of `M⁻¹ K`, whose weights sum to one.
     fn demanded(&self, rigid: &RigidBody, mass: &[f64]) -> StepDemand<f64> {
-        let law = &self.law.law;
-        let zeta = self.law.damping_ratio();
+        let law = &self.closed.law.law;
+        let zeta = self.closed.law.damping_ratio();
         let nodes = mass.len() / 3;
         let (mut rows, mut rates) = (vec![0.0; nodes], vec![0.0; nodes]);
         let (mut whole, mut hardest) = (0.0, 0.0_f64);
         for p in &self.points {
             let k = law.modulus * p.stiffness;
-            let inverse = p.squared(|n| 1.0 / mass[3 * n]);
-            for (n, w) in p.nodes() {
+            let inverse = p.place.squared(|n| 1.0 / mass[3 * n]);
+            for (n, w) in p.place.nodes() {
                 rows[n] += k * w / mass[3 * n];
                 rates[n] += 2.0 * zeta * (k / inverse).sqrt() * w / mass[3 * n];
             }
@@ -374,11 +359,11 @@ impl EffectSpec<f64> for SurfaceObstacle {
         let points = &contacts.points;
         contacts.weight = points
             .iter()
-            .map(|p| p.nodes().map(|(n, w)| w * share(n)).sum())
+            .map(|p| p.place.nodes().map(|(n, w)| w * share(n)).sum())
             .collect();
         contacts.inverse_mass = points
             .iter()
-            .map(|p| p.squared(|n| 1.0 / host.inertia[3 * n]))
+            .map(|p| p.place.squared(|n| 1.0 / host.inertia[3 * n]))
             .collect();
         let body = contacts.body.clone();
         contacts.share = body.join();
@@ -393,64 +378,38 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn stored(&self) -> f64 {
-        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
+        self.closed.stored()
     }
 
     fn supplied(&self) -> Option<f64> {
-        Some(self.law.supplied + self.body.lock().supplied(self.share))
+        Some(self.closed.law.supplied + self.body.lock().supplied(self.share))
     }
 
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         self.body.lock().save(self.share, &mut out);
-        out.integers
-            .extend([self.law.begun, self.backwards].map(u64::from));
-        out.numbers.push(self.law.supplied);
-        for s in &self.springs {
-            out.integers.push(u64::from(s.closed));
-            out.numbers.extend(s.numbers());
-        }
-        for a in &self.active {
-            out.integers.push(u64::from(a.point));
-            out.numbers.extend(a.force.iter().chain(a.back.iter()));
-            out.numbers.extend([a.stored, a.expected]);
-        }
+        self.closed.save(&mut out);
         out
     }
 
     fn restore(&mut self, from: &Record<f64>) -> Result<()> {
-        let n = self.points.len();
-        let closed = from.integers.len().saturating_sub(3 + n);
-        let numbers = RigidBody::NUMBERS + 1 + 7 * n;
-        from.expect(&self.object, numbers + WIDTH * closed, 3 + n + closed)?;
-        let (flags, rest) = from.integers.split_at(3);
-        let (states, pushed) = rest.split_at(n);
-        if let Some(motion) = from.numbers.first_chunk() {
-            self.body.lock().restore(self.share, flags[0], motion);
-        }
-        [self.law.begun, self.backwards] = [flags[1] == 1, flags[2] == 1];
-        self.law.supplied = from.numbers[RigidBody::NUMBERS];
-        let springs = from.numbers[RigidBody::NUMBERS + 1..numbers].as_chunks::<7>().0;
-        self.springs = states
-            .iter()
-            .zip(springs)
-            .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
-            .collect();
-        self.active.clear();
-        for (point, x) in pushed.iter().zip(from.numbers[numbers..].as_chunks::<WIDTH>().0) {
-            if *point >= n as u64 {
-                return from.expect(&self.object, numbers, 3 + n);
-            }
-            self.active.push(Active {
-                point: *point as u32,
-                force: Vector3::new(x[0], x[1], x[2]),
-                back: Vector3::new(x[3], x[4], x[5]),
-                stored: x[6],
-                expected: x[7],
+        let motion = from.numbers.split_first_chunk::<{ RigidBody::NUMBERS }>();
+        let fits = from
+            .integers
+            .split_first()
+            .zip(motion)
+            .and_then(|(states, motion)| {
+                // Contacts with a rigid body have no foot.
+                self.closed.restore(states.1, motion.1, |_| 1)?;
+                self.body.lock().restore(self.share, *states.0, motion.0);
+                Some(())
             });
-        }
         self.near.is_built = false;
-        Ok(())
+        fits.ok_or_else(|| Error::SizeMismatch {
+            what: format!("points in the record of {}", self.object),
+            expected: self.points.len(),
+            found: from.integers.len(),
+        })
     }
 
     fn rigid(&self) -> Option<RigidMotion<f64>> {
@@ -459,7 +418,7 @@ impl AnyEffect<f64> for Contacts {
 
     fn facts(&self) -> Vec<(String, f64)> {
         let mut out = self.body.lock().facts();
-        out.push(("contacts".into(), self.active.len() as f64));
+        out.push(("contacts".into(), self.closed.active.len() as f64));
         out
     }
 }
@@ -479,7 +438,7 @@ impl Effect<f64> for Contacts {
             return Err(invalid(&what, format_args!("{way:e} m"), &rule));
         }
         if !std::mem::replace(&mut self.checked, true) {
-            self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.value(instant.q))?;
+            self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.place.value(instant.q))?;
         }
         self.settle_budgets(&rigid, instant);
         self.refresh(&rigid, instant.q);
@@ -489,13 +448,13 @@ impl Effect<f64> for Contacts {
     }
 
     fn power(&self, v: &[f64]) -> f64 {
-        let power = |a: &Active| a.force.dot(&self.points[a.point as usize].value(v));
-        self.active.iter().map(power).sum()
+        let power = |a: &Active| a.force.dot(&self.points[a.point as usize].place.value(v));
+        self.closed.active.iter().map(power).sum()
     }
 
     fn add_contact(&self, f: &mut [f64]) -> bool {
-        for a in &self.active {
-            self.points[a.point as usize].add(&a.force, f);
+        for a in &self.closed.active {
+            self.points[a.point as usize].place.add(&a.force, f);
         }
         true
     }

@@ -6,9 +6,8 @@
 //! motion is that of the linear facet, and its force goes to the facet's nodes with the same weights, so
 //! forces and moments about the present places are kept.
 
-use super::End;
+use super::place::Place;
 use crate::Result;
-use crate::effect::Instant;
 use crate::error::invalid;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
@@ -19,12 +18,11 @@ const LAYER: f64 = 0.25;
 /// Largest number of divisions of a facet along an edge.
 const MOST: usize = 64;
 
-/// A point of a surface.
+/// A point of a surface, or a sphere.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SurfacePoint {
-    /// Nodes of the facet and their weights; a point at a node has that node alone.
-    nodes: [u32; 3],
-    weights: [f64; 3],
+    /// Its place on a facet; a point at a node has that node alone.
+    pub(super) place: Place,
     /// Position at rest \[m\].
     pub(super) rest: Point3<f64>,
     /// Area \[m²\].
@@ -33,52 +31,8 @@ pub(super) struct SurfacePoint {
     pub(super) stiffness: f64,
     /// Size of the facet \[m\].
     pub(super) size: f64,
-}
-
-impl SurfacePoint {
-    /// Iterates over the nodes with their weights.
-    pub(super) fn nodes(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let pairs = self.nodes.iter().zip(self.weights);
-        pairs.filter(|(_, w)| *w > 0.0).map(|(n, w)| (*n as usize, w))
-    }
-
-    /// Interpolates a nodal field of three components.
-    pub(super) fn value(&self, x: &[f64]) -> Vector3<f64> {
-        self.nodes().fold(Vector3::zeros(), |sum, (n, w)| {
-            sum + Vector3::new(x[3 * n], x[3 * n + 1], x[3 * n + 2]) * w
-        })
-    }
-
-    /// Sum of a nodal quantity times the squared weights: the inverse mass of the point from those of nodes.
-    pub(super) fn squared(&self, quantity: impl Fn(usize) -> f64) -> f64 {
-        self.nodes().map(|(n, w)| w * w * quantity(n)).sum()
-    }
-
-    /// Velocities of the point during the step, under the forces `f` of others and the `own` forces of the
-    /// effect so far.
-    pub(super) fn end(&self, instant: &Instant<'_, f64>, inverse: &[f64], f: &[f64], own: &[f64]) -> End {
-        let mut out = End::default();
-        for (n, w) in self.nodes() {
-            for c in 0..3 {
-                let o = 3 * n + c;
-                // As for particles: half of the kick leads to the instant, all of it to half a step later.
-                let kick = instant.dt * inverse[o];
-                out.middle[c] += w * (instant.v_half[o] + kick * (0.5 * f[o] + own[o]));
-                out.after[c] += w * (instant.v_half[o] + kick * (f[o] + own[o]));
-                out.inverse_inertia[c] += w * w * inverse[o];
-            }
-        }
-        out
-    }
-
-    /// Adds a force at the point to nodal forces.
-    pub(super) fn add(&self, force: &Vector3<f64>, f: &mut [f64]) {
-        for (n, w) in self.nodes() {
-            for c in 0..3 {
-                f[3 * n + c] += w * force[c];
-            }
-        }
-    }
+    /// Sum of the outward normals of the facets around it times its area on each \[m²\]; zero for spheres.
+    pub(super) normal: Vector3<f64>,
 }
 
 /// Corner of a division of a facet: two or three nodes with their numerators, and the denominator.
@@ -114,7 +68,8 @@ pub(super) fn points(
             ));
         }
         let n = count as usize;
-        let area = 0.5 * (x[1] - x[0]).cross(&(x[2] - x[0])).norm();
+        let doubled = (x[1] - x[0]).cross(&(x[2] - x[0]));
+        let area = 0.5 * doubled.norm();
         // Side of the square that has the area of two such triangles.
         let size = (2.0 * area).sqrt();
         let small = area / (n * n) as f64;
@@ -124,27 +79,28 @@ pub(super) fn points(
                 let weights = parts.map(|p| p as f64 / n as f64);
                 let zero = parts.iter().filter(|p| **p == 0).count();
                 // A lattice point has six triangles around it, three at an edge, one at a corner.
-                let share = small / 3.0 * [6.0, 3.0, 1.0][zero];
+                let corners = [6.0, 3.0, 1.0][zero];
+                let share = small / 3.0 * corners;
                 let mut ends: Vec<(u32, usize)> = t.iter().copied().zip(parts).filter(|e| e.1 > 0).collect();
                 ends.sort_unstable();
                 let fresh = SurfacePoint {
-                    nodes: *t,
-                    weights,
+                    place: Place { nodes: *t, weights },
                     rest: Point3::from(x[0] * weights[0] + x[1] * weights[1] + x[2] * weights[2]),
                     area: 0.0,
                     stiffness: 0.0,
                     size,
+                    normal: Vector3::zeros(),
                 };
                 let point = match ends[..] {
                     [(node, _)] => at_nodes.entry(node).or_insert(SurfacePoint {
-                        nodes: [node; 3],
-                        weights: [1.0, 0.0, 0.0],
+                        place: Place::node(node),
                         rest: nodes[node as usize],
                         ..fresh
                     }),
                     _ => between.entry((ends, n)).or_insert(fresh),
                 };
                 point.area += share;
+                point.normal += doubled * (0.5 * corners / (3 * n * n) as f64);
                 point.stiffness += share / (LAYER * size);
                 point.size = point.size.min(size);
             }

@@ -4,6 +4,7 @@ use super::neighbours;
 use crate::model::DemModel;
 use crate::packing::cells::{Sphere, spheres};
 use arlequin_core::Model;
+use arlequin_core::contact::Exterior;
 
 /// The spheres of a model at rest with their masses: remains available when the model has moved into a run.
 #[derive(Debug, Clone)]
@@ -29,6 +30,12 @@ impl ContactBody {
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The spheres, for contact with the surface of another model.
+    #[must_use]
+    pub fn exterior(&self) -> Exterior {
+        Exterior::spheres(&self.name, &self.spheres)
     }
 
     /// Counts pairs of a particle of this and one of another model, displaced by `q` \[m\], that overlap

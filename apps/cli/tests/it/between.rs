@@ -188,8 +188,13 @@ fn contact_between_models_is_refused_where_it_makes_no_sense() {
             "names 'above' twice; contact within one model is models = [\"above\"]",
         ),
         (
-            "between = [\"above\", \"beside\"]\ncontact = {}",
-            "effect[0].between[1]: contact needs particles, kind = \"dem\", which model 'beside' is not",
+            "between = [\"above\", \"line\"]\ncontact = {}\n[model.line]\nkind = \"fem\"\nspacing = 1e-3\n\
+             shape.bar = { from = 0.0, to = 1e-2, section = 1e-6 }\nmaterial = { young = 75e9, density = 2200.0 }",
+            "effect[0].between[1]: contact needs kind = \"dem\", or a solid of kind = \"fem\" or \"cnem\", which model 'line' is not",
+        ),
+        (
+            "between = [\"above\", \"beside\"]\ncontact = { rolling = 0.1 }",
+            "effect[0].contact.rolling: is between particles only, as a facet takes no moment",
         ),
         ("between = [\"above\", \"belov\"]\ncontact = {}", "belov"),
         ("between = [\"above\"]\ncontact = {}", "names 1 models; name two"),

@@ -1,13 +1,15 @@
-//! Contact between two models of particles, and the check for models that overlap without contact.
+//! Contact between two models, and the check for models of particles that overlap without contact.
 
-use super::body::Body;
+use super::body::{Body, material};
 use super::grains;
+use super::kinds::kind;
 use super::names::{contact_sides, sides_of};
-use crate::error::{Result, dem, key};
+use crate::error::{Result, core, dem, key};
 use crate::setup::LoweredScene;
 use crate::spec::EffectKind;
 use arlequin::core::Coupled;
-use arlequin::core::effect::{Finding, PairSpec};
+use arlequin::core::contact::{Exterior, SurfaceContact};
+use arlequin::core::effect::{Finding, PairEffectSpec, PairSpec};
 use arlequin::dem_beam::{ContactBetween, ContactBody};
 use std::collections::BTreeSet;
 
@@ -26,6 +28,18 @@ pub(super) fn touching(scene: &LoweredScene) -> Result<Vec<(usize, [usize; 2])>>
         let Some(pair) = contact_sides(k, e, scene)?.filter(|_| e.enabled) else {
             continue;
         };
+        let flat = |m: usize| {
+            scene
+                .model
+                .values()
+                .nth(m)
+                .is_some_and(|t| !kind(t.kind).has_spheres())
+        };
+        let rolls = matches!(&e.kind, EffectKind::Contact(c) if c.rolling.is_some_and(|r| r > 0.0));
+        if rolls && pair.into_iter().any(flat) {
+            let rule = "is between particles only, as a facet takes no moment; remove it";
+            return Err(key(format!("effect[{k}].contact.rolling"), rule));
+        }
         if !pairs_seen.insert(ordered(pair)) {
             let rule = "names a pair of models that has contact already; keep one";
             return Err(key(format!("effect[{k}].between"), rule));
@@ -43,24 +57,43 @@ fn body(bodies: &[Body], m: usize) -> Option<&ContactBody> {
 pub(super) fn pairs(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<PairSpec<f64>>> {
     let mut out = Vec::new();
     for (k, [a, b]) in touching(scene)? {
-        let (EffectKind::Contact(contact), Some(first), Some(second)) =
-            (&scene.effect[k].kind, body(bodies, a), body(bodies, b))
-        else {
+        let EffectKind::Contact(contact) = &scene.effect[k].kind else {
             continue;
         };
-        let [Some(e), Some(f)] = [a, b].map(|m| bodies[m].material.map(|m| m.young())) else {
-            continue;
-        };
+        let path = format!("effect[{k}].contact");
+        let [e, f] = [material(&path, &bodies[a])?, material(&path, &bodies[b])?].map(|m| m.young());
         // The contact stiffness of two different materials is that of two springs in series.
         let law = grains::law(2.0 * e * f / (e + f), contact);
-        let contact_between = ContactBetween::new(first.clone(), second.clone(), law);
-        let contact_between = contact_between.map_err(dem(format!("effect[{k}].contact")))?;
+        let effect: Box<dyn PairEffectSpec<f64>> = match (body(bodies, a), body(bodies, b)) {
+            (Some(first), Some(second)) => {
+                let contact = ContactBetween::new(first.clone(), second.clone(), law);
+                Box::new(contact.map_err(dem(path))?)
+            }
+            _ => {
+                let [first, second] = [exterior(&path, &bodies[a])?, exterior(&path, &bodies[b])?];
+                Box::new(SurfaceContact::new(&first, &second, law).map_err(core(path))?)
+            }
+        };
         out.push(PairSpec {
             sides: [a, b],
-            effect: Box::new(contact_between),
+            effect,
         });
     }
     Ok(out)
+}
+
+/// Spheres or surface of a body.
+fn exterior(path: &str, body: &Body) -> Result<Exterior> {
+    let spheres = body.grains.as_ref().map(|g| g.body.exterior());
+    spheres
+        .or_else(|| Exterior::surface(&*body.model))
+        .ok_or_else(|| {
+            let rule = format!(
+                "needs the surface of model '{}', which has none; remove it",
+                body.model.name()
+            );
+            key(path, rule)
+        })
 }
 
 /// Pairs of particle models that have neither contact nor an interface: their particles can pass through each

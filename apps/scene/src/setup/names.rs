@@ -131,8 +131,9 @@ pub(super) fn contact_sides(k: usize, e: &Effect, scene: &LoweredScene) -> Resul
     let mut out = [0; 2];
     for (n, (slot, name)) in out.iter_mut().zip([a, b]).enumerate() {
         *slot = model_index(&format!("{path}[{n}]"), name, scene)?;
-        if !kind(scene.model[name].kind).has_spheres() {
-            let rule = format!("contact needs particles, kind = \"dem\", which model '{name}' is not");
+        let table = &scene.model[name];
+        if !kind(table.kind).has_spheres() && !is_solid(table) {
+            let rule = format!("contact needs {SURFACES}, which model '{name}' is not");
             return Err(key(format!("{path}[{n}]"), rule));
         }
     }
@@ -141,6 +142,14 @@ pub(super) fn contact_sides(k: usize, e: &Effect, scene: &LoweredScene) -> Resul
         return Err(key(path, rule));
     }
     Ok(Some(out))
+}
+
+/// Models that have particles or a surface.
+const SURFACES: &str = "kind = \"dem\", or a solid of kind = \"fem\" or \"cnem\"";
+
+/// Returns whether a model is a solid of finite or natural elements.
+fn is_solid(table: &LoweredModel) -> bool {
+    kind(table.kind).elements().is_some() && !table.shape.is_line()
 }
 
 /// Requirement of bulk viscosity, and the alternative for a line model.
@@ -155,7 +164,7 @@ pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<u
     let (what, bearer) = (e.kind.key(), e.kind.bearer());
     let tables: Vec<&LoweredModel> = scene.model.values().collect();
     let has_spheres = |m: &usize| kind(tables[*m].kind).has_spheres();
-    let is_solid = |m: &usize| kind(tables[*m].kind).elements().is_some() && !tables[*m].shape.is_line();
+    let is_solid = |m: &usize| is_solid(tables[*m]);
     let fits = |m: &usize| match bearer {
         Bearer::Any => true,
         Bearer::Solids => is_solid(m),
@@ -170,7 +179,7 @@ pub fn effect_models(k: usize, e: &Effect, scene: &LoweredScene) -> Result<Vec<u
     if let (Some(names), Some(misfit)) = (&e.models, models.iter().position(|m| !fits(m))) {
         let requirement = match bearer {
             Bearer::Particles => "kind = \"dem\"",
-            Bearer::Surfaces => "kind = \"dem\", or a solid of kind = \"fem\" or \"cnem\"",
+            Bearer::Surfaces => SURFACES,
             _ => SOLID,
         };
         let rule = format!(

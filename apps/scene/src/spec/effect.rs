@@ -78,8 +78,9 @@ macro_rules! effects {
             /// particles, or all solids if there are none.
             #[schemars(length(min = 1))]
             models: Option<Vec<String>>,
-            /// For `contact`, instead of `models`: the two particle models whose particles touch each other.
-            /// Default: contact within each model.
+            /// For `contact`, instead of `models`: two models that touch each other, particles or solids of
+            /// elements; zones of a body are named on their own. Default: contact within each model of
+            /// particles.
             #[schemars(length(equal = 2))]
             between: Option<Vec<String>>,
             /// False to leave the effect out. A `fracture` that is left out still warns at the end if
@@ -116,7 +117,7 @@ effects! {
     prestress: Prestress, Any;
     /// Bonds that break.
     fracture: Fracture, Particles;
-    /// Contact between unbonded particles.
+    /// Contact between unbonded particles, or between two models.
     contact: Contact, Particles;
     /// A rigid body that particles and surfaces touch.
     obstacle: Obstacle, Surfaces;
@@ -344,13 +345,14 @@ pub enum CriterionKind {
     Hydrostatic,
 }
 
-/// Contact between unbonded particles.
+/// Contact between unbonded particles, or between two models.
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct Contact {
-    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between unbonded particles \[Pa\]. Default:
-    /// `material.young`; with `between`, `2 E F/(E + F)` of both models.
+    /// Modulus `E` of the normal spring `2 E r_i r_j/(r_i + r_j)` between unbonded particles, `2 E r` of a
+    /// particle on elements, and `2 E/h + 2 E/H` per area of two surfaces with facets of the sizes `h` and
+    /// `H` \[Pa\]. Default: `material.young`; with `between`, `2 E F/(E + F)` of both models.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub modulus: Option<f64>,
     /// Coefficient of restitution, 0.15 to 1 \[–\]. Default: 0.5.
@@ -362,10 +364,11 @@ pub struct Contact {
     /// Tangential over normal stiffness \[–\]. Default: 0.5.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub shear_ratio: Option<f64>,
-    /// Rolling resistance: lever over reduced radius \[–\]; not for obstacles. Default: 0.
+    /// Rolling resistance: lever over reduced radius \[–\]; between particles only. Default: 0.
     #[schemars(range(min = 0))]
     pub rolling: Option<f64>,
-    /// Reach of the neighbour list beyond touch, in mean radii \[–\]; not for obstacles. Default: 0.4.
+    /// Reach of the neighbour list beyond touch, in mean radii, or mean sizes of the facets if they are
+    /// smaller \[–\]; not for obstacles. Default: 0.4.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub skin: Option<f64>,
 }

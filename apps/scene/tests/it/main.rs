@@ -5,6 +5,7 @@ mod compare;
 mod cracks;
 mod end_zones;
 mod energy_release;
+mod facet_contact;
 mod far_field;
 mod follow;
 mod fracture_energy;

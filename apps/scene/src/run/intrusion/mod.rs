@@ -1,9 +1,8 @@
 //! Watches for bodies and obstacles that enter bodies without contact, and warns as soon as it happens, once
 //! per pair.
 //!
-//! Obstacles act on the models that they name, and contact acts between particles. Elements have no contact
-//! with other bodies, which pass through them. The watch checks pairs without an
-//! effect between them: an obstacle and a body, or two bodies that no interface joins.
+//! Obstacles and contact act on the models that they name; other bodies pass through each other. The watch
+//! checks pairs without an effect between them: an obstacle and a body, or two bodies that no interface joins.
 //!
 //! A look costs a pass over the displacements and velocities of the bodies. A scene without such pairs costs
 //! nothing.
@@ -369,14 +368,7 @@ impl Watch {
             Intruder::Model(m) => {
                 let first = self.member(m)?;
                 let names = format!("[\"{}\", \"{}\"]", first.name, second.name);
-                if first.particles && second.particles {
-                    format!("add an effect contact with between = {names}, or keep them apart")
-                } else {
-                    format!(
-                        "contact is between particles only; let both be particles where they meet, with an effect contact between \
-                         = {names}, or keep them apart"
-                    )
-                }
+                format!("add an effect contact with between = {names}, or keep them apart")
             }
         })
     }

@@ -1,0 +1,380 @@
+//! Contact between the surface of a model and another model: spheres on facets, or facets on facets.
+//!
+//! Contact acts at points: the centres of spheres, or points of a surface (module `points`). Each looks for
+//! its foot on the facets of the other model (module `facet`). Of two surfaces, the points of both act, with
+//! half of the stiffness. The law, friction and energy budgets are those of particles. A force on a point
+//! has its reaction at the foot, on the nodes of the facet with their weights. The budget counts the work on
+//! these nodes, so it holds while the foot slides.
+//!
+//! - Nodes that an interface between the two models ties touch nothing.
+//! - A point that overlaps the other model at rest pushes only when it comes closer.
+//! - A contact carries the product of the mass shares of its two ends. The contacts of all parts of two
+//!   bodies in overlaps then sum to one contact.
+//!
+//! A normal force acts along the line from foot to point and has no moment, and friction on a sphere acts at
+//! the foot. Friction between two surfaces has a moment: that of a force times the depth of the point.
+//!
+//! Feet are found on all threads. Forces are added point after point in an order that is reversed in every
+//! step, so results do not depend on the number of threads. A step allocates only where points are listed
+//! anew.
+
+use super::closed::{Active, Closed};
+use super::exterior::{Exterior, Side};
+use super::facet::Foot;
+use super::place::Place;
+use super::search::Near;
+use super::{ContactLaw, End, Pair, Twist};
+use crate::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
+use crate::error::invalid;
+use crate::model::Arms;
+use crate::record::Record;
+use crate::{Error, Result};
+use nalgebra::Vector3;
+
+/// Part of a facet's size by which points of another surface may overlap it at the start.
+const DEEPEST: f64 = 0.5;
+
+/// Specification of contact between two models of which one has a surface at least, a pair effect on their
+/// subdomains in the order of the models.
+#[derive(Debug)]
+pub struct SurfaceContact(Contacts);
+
+/// Two models in contact during a run.
+#[derive(Debug)]
+struct Contacts {
+    name: String,
+    sides: [Side; 2],
+    near: Near,
+    closed: Closed,
+    /// Distance below which each point pushes \[m\]: its radius, or its distance at rest if it overlaps then.
+    allowed: Vec<f64>,
+    demand: StepDemand<f64>,
+    checked: bool,
+    most: usize,
+}
+
+impl SurfaceContact {
+    /// Contact between two models; its name is `contact A-B`.
+    ///
+    /// # Errors
+    /// [`Error::InvalidParameter`] for parameters of the law, for two models without facets, and for a surface
+    /// whose facets do not all look outwards.
+    pub fn new(first: &Exterior, second: &Exterior, law: ContactLaw) -> Result<Self> {
+        law.check()?;
+        let name = format!("contact {}-{}", first.name, second.name);
+        if law.rolling > 0.0 {
+            let rule = "must be zero: a facet takes no moment";
+            return Err(invalid(
+                &format!("rolling resistance of '{name}'"),
+                law.rolling,
+                rule,
+            ));
+        }
+        if !first.has_facets() && !second.has_facets() {
+            let rule = "must have facets, or take the contact of particles";
+            return Err(invalid(&format!("models of '{name}'"), "spheres", rule));
+        }
+        first.check()?;
+        second.check()?;
+        Ok(Self(Contacts {
+            sides: [Side::new(first, second)?, Side::new(second, first)?],
+            near: Near::new(law.skin * first.size().min(second.size())),
+            closed: Closed::new(law, 0),
+            allowed: Vec::new(),
+            demand: StepDemand::none(),
+            checked: false,
+            most: 0,
+            name,
+        }))
+    }
+}
+
+/// Returns the side of a point, and the number of the point there.
+pub(super) fn locate(sides: &[Side; 2], point: u32) -> (usize, usize) {
+    let first = sides[0].points.len();
+    let k = point as usize;
+    if k < first { (0, k) } else { (1, k - first) }
+}
+
+/// Power of a contact on the velocities `v` \[W\].
+fn power(sides: &[Side; 2], a: &Active, v: [&[f64]; 2]) -> f64 {
+    let (s, k) = locate(sides, a.point);
+    let place = &sides[s].points[k].place;
+    let speed = place.value(v[s]) - a.foot.value(v[1 - s]);
+    a.force.dot(&speed) + a.torque.dot(&sides[s].spin(place, v[s]))
+}
+
+impl Contacts {
+    /// Returns an error if points lie deep inside the other model: it would hold them there or throw them
+    /// out.
+    fn check_start(&self, q: [&[f64]; 2]) -> Result<()> {
+        let (mut count, mut deepest) = (0, (0.0, Vector3::zeros(), 0.0));
+        for (point, foot) in self.near.feet() {
+            let (s, k) = locate(&self.sides, point);
+            let p = &self.sides[s].points[k];
+            let limit = if self.sides[s].turns {
+                p.size
+            } else {
+                DEEPEST * p.size
+            };
+            let depth = self.sides[s].radius(k) - foot.distance;
+            if depth > limit {
+                count += 1;
+                if depth > deepest.0 {
+                    deepest = (depth, p.rest.coords + p.place.value(q[s]), limit);
+                }
+            }
+        }
+        let (depth, x, limit) = deepest;
+        if count == 0 {
+            return Ok(());
+        }
+        let value = format!(
+            "{count} points start inside, the deepest {depth:.3e} m at ({:.3e}, {:.3e}, {:.3e}) m",
+            x.x, x.y, x.z
+        );
+        let rule =
+            format!("must overlap by {limit:.3e} m at most, half a facet or a radius: move one of the two");
+        Err(invalid(&format!("models of '{}'", self.name), value, &rule))
+    }
+
+    /// Finds the feet of all points that may touch; points off the list open.
+    fn find(&mut self, q: [&[f64]; 2]) {
+        if self.near.refresh(&self.sides, q) {
+            for n in 0..self.closed.active.len() {
+                let point = self.closed.active[n].point;
+                if !self.near.lists(point) {
+                    self.closed.open(point as usize);
+                }
+            }
+        }
+        self.near.measure(&self.sides, q);
+    }
+
+    /// Computes all contacts and adds their forces to `f`.
+    fn respond(&mut self, instants: [&Instant<'_, f64>; 2], f: &mut [&mut [f64]; 2]) {
+        let dt = instants[0].dt;
+        self.closed.begin(dt);
+        let count = self.near.len();
+        // Sequential: a contact works on the velocity that the contacts before it have left.
+        for n in 0..count {
+            let (point, foot) = self.near.foot(self.closed.turn(n, count));
+            if self.allowed[point as usize] - foot.distance > 0.0 {
+                self.close(point, &foot, instants, f);
+            } else {
+                self.closed.open(point as usize);
+            }
+        }
+        self.closed.end(dt);
+        self.most = self.most.max(self.closed.active.len());
+        for n in 0..self.closed.active.len() {
+            let a = self.closed.active[n];
+            let (s, k) = locate(&self.sides, a.point);
+            let ends = self.ends(s, k, &a.foot, instants, f);
+            let three = |x: &[f64; 6], c: usize| Vector3::new(x[c], x[c + 1], x[c + 2]);
+            let speed = three(&ends[1].after, 0) - three(&ends[0].after, 0);
+            self.closed.active[n].expected = a.force.dot(&speed) + a.torque.dot(&three(&ends[1].after, 3));
+        }
+        for n in 0..self.closed.active.len() {
+            let a = self.closed.active[n];
+            let (s, k) = locate(&self.sides, a.point);
+            let place = self.sides[s].points[k].place;
+            self.sides[s].deliver(&place, f[s]);
+            self.sides[1 - s].deliver(&a.foot, f[1 - s]);
+        }
+    }
+
+    /// Motion of a foot and of point `k` of side `s` during the step.
+    fn ends(
+        &self,
+        s: usize,
+        k: usize,
+        foot: &Place,
+        instants: [&Instant<'_, f64>; 2],
+        f: &[&mut [f64]; 2],
+    ) -> [End; 2] {
+        let point = &self.sides[s].points[k].place;
+        [
+            self.sides[1 - s].end(foot, instants[1 - s], f[1 - s]),
+            self.sides[s].end(point, instants[s], f[s]),
+        ]
+    }
+
+    fn close(&mut self, point: u32, foot: &Foot, instants: [&Instant<'_, f64>; 2], f: &[&mut [f64]; 2]) {
+        let (s, k) = locate(&self.sides, point);
+        let (own, other) = (&self.sides[s], &self.sides[1 - s]);
+        let p = &own.points[k];
+        let [stiffness, mass] = own.constants(k, other, foot);
+        let twist = |side: &Side, place: &Place, v: &[f64]| Twist {
+            linear: place.value(v),
+            angular: side.spin(place, v),
+        };
+        let pair = Pair {
+            normal: foot.normal,
+            gap: self.allowed[point as usize] - foot.distance,
+            stiffness: self.closed.law.law.modulus * stiffness,
+            reduced_radius: 0.0,
+            // The force acts at the foot.
+            arms: [0.0, if own.turns { foot.distance } else { 0.0 }],
+            share: p.place.mean(|n| own.share[n]) * foot.place.mean(|n| other.share[n]),
+            inverse_mass: 1.0 / mass,
+            motion: [
+                twist(other, &foot.place, instants[1 - s].v_half),
+                twist(own, &p.place, instants[s].v_half),
+            ],
+        };
+        let ends = self.ends(s, k, &foot.place, instants, f);
+        let spring = &mut self.closed.springs[point as usize];
+        let r = self
+            .closed
+            .law
+            .respond(&pair, false, || ends, instants[0].dt, spring);
+        let place = self.sides[s].points[k].place;
+        self.sides[s].push(&place, &r.force, &r.torque[1]);
+        self.sides[1 - s].push(&foot.place, &-r.force, &Vector3::zeros());
+        self.closed.active.push(Active {
+            point,
+            foot: foot.place,
+            force: r.force,
+            torque: r.torque[1],
+            stored: r.stored,
+            expected: 0.0,
+        });
+    }
+
+    /// Computes the demand on the step: each contact moves two ends, so its `ω²` is at most twice the larger
+    /// row of both.
+    fn demanded(&self) -> StepDemand<f64> {
+        let law = &self.closed.law.law;
+        let [a, b] = [0, 1].map(|s: usize| self.sides[s].rows(&self.sides[1 - s], law));
+        StepDemand {
+            stiffness: 2.0 * a[0].max(b[0]),
+            damping: 2.0 * a[1].max(b[1]),
+            ..StepDemand::none()
+        }
+    }
+}
+
+impl PairEffectSpec<f64> for SurfaceContact {
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    fn attach(mut self: Box<Self>, hosts: &HostPair<'_, f64>) -> Result<Box<dyn PairEffect<f64>>> {
+        let contacts = &mut self.0;
+        let name = format!("'{}'", contacts.name);
+        for (s, side) in contacts.sides.iter_mut().enumerate() {
+            side.attach(&hosts.sides[s], &hosts.tied[s], &name)?;
+        }
+        let points = contacts.sides.iter().map(|s| s.points.len()).sum();
+        contacts.closed = Closed::new(contacts.closed.law.law, points);
+        let radii = contacts
+            .sides
+            .iter()
+            .flat_map(|s| (0..s.points.len()).map(|k| s.radius(k)));
+        contacts.allowed = radii.collect();
+        let rest = [0, 1].map(|s: usize| vec![0.0; 3 * contacts.sides[s].rest.len()]);
+        let rest = rest.each_ref().map(Vec::as_slice);
+        contacts.find(rest);
+        contacts.check_start(rest)?;
+        for (point, foot) in contacts.near.feet() {
+            let allowed = &mut contacts.allowed[point as usize];
+            *allowed = allowed.min(foot.distance);
+        }
+        contacts.demand = contacts.demanded();
+        Ok(Box::new(self.0))
+    }
+}
+
+impl AnyEffect<f64> for Contacts {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn arms(&self) -> Option<Arms> {
+        let two_surfaces = self.sides.iter().all(|s| !s.turns);
+        let has_moment = two_surfaces && self.closed.law.law.friction > 0.0;
+        (!has_moment).then_some(Arms::Current)
+    }
+
+    fn stored(&self) -> f64 {
+        self.closed.stored()
+    }
+
+    fn supplied(&self) -> Option<f64> {
+        Some(self.closed.law.supplied)
+    }
+
+    fn save(&self) -> Record<f64> {
+        let mut out = Record::default();
+        self.closed.save(&mut out);
+        out
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        self.near.forget();
+        let sides = &self.sides;
+        let nodes = |point: u32| sides[1 - locate(sides, point).0].rest.len();
+        let fits = self.closed.restore(&from.integers, &from.numbers, nodes);
+        fits.ok_or_else(|| Error::SizeMismatch {
+            what: format!("points in the record of '{}'", self.name),
+            expected: self.allowed.len(),
+            found: from.integers.len(),
+        })
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        vec![
+            ("contacts".into(), self.closed.active.len() as f64),
+            ("most contacts".into(), self.most as f64),
+            ("neighbour searches".into(), self.near.searches as f64),
+            ("listed points".into(), self.near.len() as f64),
+        ]
+    }
+}
+
+impl PairEffect<f64> for Contacts {
+    fn add_forces(&mut self, instants: [&Instant<'_, f64>; 2], mut f: [&mut [f64]; 2]) -> Result<()> {
+        let q = instants.map(|i| i.q);
+        let way = self.near.way(&self.sides, instants);
+        let limit = self.near.reach();
+        if way > limit {
+            let rule = format!(
+                "must stay below {limit:e} m, or one would jump through the surface of the other; shorten the time step or slow \
+                 them down"
+            );
+            let what = format!("way of the models of '{}' in a step", self.name);
+            return Err(invalid(&what, format_args!("{way:e} m"), &rule));
+        }
+        let v = instants.map(|i| i.v_half);
+        let sides = &self.sides;
+        self.closed.settle(instants[0].dt, |a| power(sides, a, v));
+        self.find(q);
+        if !std::mem::replace(&mut self.checked, true) {
+            self.check_start(q)?;
+        }
+        self.respond(instants, &mut f);
+        Ok(())
+    }
+
+    fn power(&self, v: [&[f64]; 2]) -> f64 {
+        self.closed.active.iter().map(|a| power(&self.sides, a, v)).sum()
+    }
+
+    fn add_contact(&self, side: usize, f: &mut [f64]) -> bool {
+        for a in &self.closed.active {
+            let (s, k) = locate(&self.sides, a.point);
+            if s == side {
+                let place = &self.sides[s].points[k].place;
+                self.sides[s].add(place, &a.force, &a.torque, f);
+            } else {
+                a.foot.add(&-a.force, f);
+            }
+        }
+        true
+    }
+
+    fn step_demand(&self) -> [StepDemand<f64>; 2] {
+        [self.demand; 2]
+    }
+}

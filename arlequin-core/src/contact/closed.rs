@@ -1,0 +1,152 @@
+//! Closed contacts of the points of a surface: their law, springs and budgets, and the responses of the last
+//! step.
+
+use super::place::Place;
+use super::{BudgetedLaw, ContactLaw, Spring};
+use crate::record::Record;
+use nalgebra::Vector3;
+
+/// Numbers and integers of a closed contact in a record.
+const WIDTH: (usize, usize) = (11, 4);
+/// Numbers of a spring in a record.
+const SPRING: usize = 7;
+
+/// A closed contact and its response in the last step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Active {
+    pub(super) point: u32,
+    /// Place on the facet that the point touches; none for a rigid body.
+    pub(super) foot: Place,
+    /// Force on the point \[N\].
+    pub(super) force: Vector3<f64>,
+    /// Torque \[N m\] on the end that can turn: the ball that is touched, or the sphere that touches.
+    pub(super) torque: Vector3<f64>,
+    pub(super) stored: f64,
+    /// Power on the velocities after the step, from the forces that were known \[W\].
+    pub(super) expected: f64,
+}
+
+/// Contacts of some points, of which each has one spring.
+#[derive(Debug)]
+pub(super) struct Closed {
+    pub(super) law: BudgetedLaw,
+    pub(super) springs: Vec<Spring>,
+    pub(super) active: Vec<Active>,
+    backwards: bool,
+}
+
+impl Closed {
+    pub(super) fn new(law: ContactLaw, points: usize) -> Self {
+        Self {
+            law: BudgetedLaw::new(law),
+            springs: vec![Spring::default(); points],
+            active: Vec::new(),
+            backwards: false,
+        }
+    }
+
+    /// Corrects the budgets for forces in the last step that were unknown when contacts were computed.
+    /// `power` is that of a contact on the velocities after the step.
+    pub(super) fn settle(&mut self, dt: f64, power: impl Fn(&Active) -> f64) {
+        for a in &self.active {
+            self.springs[a.point as usize].budget -= 0.5 * dt * (power(a) - a.expected);
+        }
+    }
+
+    /// Begins a step of length `dt` \[s\]: forgets the responses of the last one.
+    pub(super) fn begin(&mut self, dt: f64) {
+        self.active.clear();
+        self.law.begin(dt);
+    }
+
+    /// Ends a step. The order of the contacts is reversed in the next one.
+    pub(super) fn end(&mut self, dt: f64) {
+        self.law.end(dt);
+        self.backwards = !self.backwards;
+    }
+
+    /// Number of the `n`-th of `count` contacts in this step.
+    pub(super) fn turn(&self, n: usize, count: usize) -> usize {
+        if self.backwards { count - 1 - n } else { n }
+    }
+
+    /// Opens the contact of a point: it forgets its sliding and its budget.
+    pub(super) fn open(&mut self, point: usize) {
+        if self.springs[point].closed {
+            self.springs[point] = Spring::default();
+        }
+    }
+
+    /// Energy of the springs \[J\].
+    pub(super) fn stored(&self) -> f64 {
+        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
+    }
+
+    /// Appends the state to a record.
+    pub(super) fn save(&self, out: &mut Record<f64>) {
+        let closed = || self.springs.iter().enumerate().filter(|s| s.1.closed);
+        let flags = [self.law.begun, self.backwards].map(u64::from);
+        out.integers.extend(flags);
+        out.integers.push(closed().count() as u64);
+        out.numbers.push(self.law.supplied);
+        for (k, spring) in closed() {
+            out.integers.push(k as u64);
+            out.numbers.extend(spring.numbers());
+        }
+        for a in &self.active {
+            out.integers.push(u64::from(a.point));
+            out.integers.extend(a.foot.nodes.map(u64::from));
+            out.numbers.extend(a.force.iter().chain(a.torque.iter()));
+            out.numbers.extend([a.stored, a.expected]);
+            out.numbers.extend(a.foot.weights);
+        }
+    }
+
+    /// Restores what [`Self::save`] wrote; `None` for a record of other points. `nodes` is the number of
+    /// nodes of the model on which a point has its foot.
+    pub(super) fn restore(
+        &mut self,
+        integers: &[u64],
+        numbers: &[f64],
+        nodes: impl Fn(u32) -> usize,
+    ) -> Option<()> {
+        let (&[begun, backwards, closed], integers) = integers.split_first_chunk::<3>()?;
+        let (&[supplied], numbers) = numbers.split_first_chunk::<1>()?;
+        let closed = usize::try_from(closed).ok()?;
+        let (places, integers) = integers.split_at_checked(closed)?;
+        let (springs, numbers) = numbers.split_at_checked(closed.checked_mul(SPRING)?)?;
+        let (integers, numbers) = (
+            integers.as_chunks::<{ WIDTH.1 }>(),
+            numbers.as_chunks::<{ WIDTH.0 }>(),
+        );
+        if integers.0.len() != numbers.0.len() || !integers.1.is_empty() || !numbers.1.is_empty() {
+            return None;
+        }
+        self.law.supplied = supplied;
+        [self.law.begun, self.backwards] = [begun == 1, backwards == 1];
+        self.springs.fill(Spring::default());
+        for (k, x) in places.iter().zip(springs.as_chunks::<SPRING>().0) {
+            *self.springs.get_mut(usize::try_from(*k).ok()?)? = Spring::from_numbers(true, *x);
+        }
+        self.active.clear();
+        for (places, x) in integers.0.iter().zip(numbers.0) {
+            let [point, foot @ ..] = *places;
+            if point as usize >= self.springs.len() || foot.iter().any(|n| *n as usize >= nodes(point as u32))
+            {
+                return None;
+            }
+            self.active.push(Active {
+                point: point as u32,
+                foot: Place {
+                    nodes: foot.map(|n| n as u32),
+                    weights: [x[8], x[9], x[10]],
+                },
+                force: Vector3::new(x[0], x[1], x[2]),
+                torque: Vector3::new(x[3], x[4], x[5]),
+                stored: x[6],
+                expected: x[7],
+            });
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,541 @@
+//! Surfaces of finite and natural elements against particles and against each other: blows, rest, slopes,
+//! the patch test, random pairs of shapes, restarts.
+
+#![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
+
+use arlequin::cnem::constraint::Surface;
+use arlequin::cnem::domain::Domain;
+use arlequin::cnem::{CnemModel, Options};
+use arlequin::core::contact::{ContactLaw, Exterior, Solid, SurfaceContact};
+use arlequin::core::effect::{BodyForce, MassDamping, PairSpec};
+use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
+use arlequin::core::{
+    Coupled, Model, Parts, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights,
+};
+use arlequin::dem_beam::packing::{Lattice, lattice};
+use arlequin::dem_beam::{BeamMaterial, ContactBody, DemModel};
+use arlequin::fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
+
+const E: f64 = 70e9;
+const RHO: f64 = 2500.0;
+/// Size of an element \[m\].
+const H: f64 = 1e-3;
+
+fn material() -> Elastic<f64> {
+    Elastic::new(E, 0.2, RHO).unwrap()
+}
+
+/// A block of one of the kinds of models, with its exterior.
+struct Block {
+    side: Subdomain<f64>,
+    exterior: Exterior,
+}
+
+/// Mesh of a block, turned about its middle.
+fn mesh(
+    kind: ElementKind,
+    low: Vector3<f64>,
+    size: Vector3<f64>,
+    n: [usize; 3],
+    turn: Vector3<f64>,
+) -> Mesh<f64> {
+    let mesh: Mesh<f64> = generate::block(kind, Point3::from(low), Point3::from(low + size), n).unwrap();
+    let middle = Point3::from(low + size * 0.5);
+    let turned = mesh
+        .nodes()
+        .iter()
+        .map(|x| middle + Rotation3::new(turn) * (x - middle));
+    Mesh::new(kind, turned.collect(), mesh.connectivity().to_vec()).unwrap()
+}
+
+fn block(kind: &str, name: &str, low: Vector3<f64>, n: [usize; 3], h: f64, turn: Vector3<f64>) -> Block {
+    let size = Vector3::from(n.map(|n| n as f64)) * h;
+    let of = |model: &dyn Model<f64>| Exterior::surface(model).unwrap();
+    match kind {
+        "dem" => {
+            // Spheres of half the size, the lowest at the corner of the block.
+            let cells = n.map(|n| 2 * n);
+            let mut packing = lattice(Lattice::Cubic, cells, 0.25 * h).unwrap();
+            let first = Vector3::repeat(0.25 * h) - packing.positions[0] + low;
+            let middle = low + size * 0.5;
+            let turn = Rotation3::new(turn);
+            packing
+                .positions
+                .iter_mut()
+                .for_each(|x| *x = middle + turn * (*x + first - middle));
+            let model = DemModel::new(name, &packing, BeamMaterial::SILICA, RHO).unwrap();
+            let exterior = ContactBody::from_model(&model).exterior();
+            Block {
+                side: Subdomain::fine(model, Weights::uncoupled()),
+                exterior,
+            }
+        }
+        "cnem" => {
+            let mesh = mesh(ElementKind::Hex8, low, size, n, turn);
+            let domain = Domain::new(mesh.nodes(), &Surface::convex_hull()).unwrap();
+            let model = CnemModel::new(name, domain, material(), Options::default()).unwrap();
+            let exterior = of(&model);
+            Block {
+                side: Subdomain::coarse(model, Weights::uncoupled()),
+                exterior,
+            }
+        }
+        kind => {
+            let kind = if kind == "tet" {
+                ElementKind::Tet4
+            } else {
+                ElementKind::Hex8
+            };
+            let model = FemModel::new(name, mesh(kind, low, size, n, turn), material()).unwrap();
+            let exterior = of(&model);
+            Block {
+                side: Subdomain::coarse(model, Weights::uncoupled()),
+                exterior,
+            }
+        }
+    }
+}
+
+fn moving(s: Subdomain<f64>, velocity: Vector3<f64>) -> Subdomain<f64> {
+    let (nodes, dofs) = (s.model().nodes().len(), s.model().layout().dofs());
+    let mut v = vec![0.0; dofs];
+    (0..3 * nodes).for_each(|o| v[o] = velocity[o % 3]);
+    s.with_initial(vec![0.0; dofs], v).unwrap()
+}
+
+fn touching(a: Block, b: Block, law: ContactLaw, fraction: f64) -> Coupled<f64> {
+    let contact = SurfaceContact::new(&a.exterior, &b.exterior, law).unwrap();
+    let parts = Parts {
+        start: 0.0,
+        end: None,
+        subdomains: vec![a.side, b.side],
+        interfaces: Vec::new(),
+        pairs: vec![PairSpec {
+            sides: [0, 1],
+            effect: Box::new(contact),
+        }],
+    };
+    Coupled::from_parts(parts, TimeStep::Fraction(fraction), None).unwrap()
+}
+
+fn fact(run: &Coupled<f64>, name: &str) -> f64 {
+    let line = run
+        .effects()
+        .into_iter()
+        .find(|l| l.name == "contact below-above")
+        .unwrap();
+    line.facts.iter().find(|f| f.0 == name).unwrap().1
+}
+
+/// A block thrown at another, free one, corner first.
+fn thrown(below: &str, above: &str, law: ContactLaw, fraction: f64) -> Coupled<f64> {
+    let a = block(
+        below,
+        "below",
+        Vector3::new(0.0, 0.0, -3.0 * H),
+        [4, 4, 3],
+        H,
+        Vector3::zeros(),
+    );
+    let turn = Vector3::new(0.4, 0.5, 0.3);
+    let b = block(
+        above,
+        "above",
+        Vector3::new(1.1 * H, 0.9 * H, 0.55 * H),
+        [2, 2, 2],
+        H,
+        turn,
+    );
+    let b = Block {
+        side: moving(b.side, Vector3::new(1.0, 0.5, -20.0)),
+        ..b
+    };
+    touching(a, b, law, fraction)
+}
+
+/// Elements, natural elements and particles: blows keep the momentum and create no energy.
+#[test]
+fn a_block_thrown_at_a_block_keeps_momentum_and_creates_no_energy() {
+    for (below, above) in [
+        ("hex", "tet"),
+        ("cnem", "hex"),
+        ("hex", "dem"),
+        ("dem", "tet"),
+        ("cnem", "dem"),
+    ] {
+        for (restitution, friction, fraction) in [(1.0, 0.0, 0.9), (0.5, 0.4, 0.4)] {
+            let law = ContactLaw {
+                restitution,
+                friction,
+                ..ContactLaw::elastic(E)
+            };
+            let mut run = thrown(below, above, law, fraction);
+            let ([start, _], before) = (run.momentum(), run.energy());
+            let (mut touched, mut created, mut worst) = (false, 0.0_f64, 0.0_f64);
+            while run.time() < 15e-6 {
+                run.run(1, &mut Silent).unwrap();
+                touched |= fact(&run, "contacts") > 0.0;
+                created = created.max(run.created() / before);
+                worst = worst.max((run.momentum()[0] - start).norm() / start.norm());
+            }
+            let name = format!("{above} on {below}, friction {friction}");
+            assert!(touched, "{name}: no contact");
+            assert!(created <= 1e-13, "{name}: created {created:e}");
+            assert!(worst < 1e-12, "{name}: momentum {worst:e}");
+            assert!(run.drift() < 1e-11, "{name}: drift {:e}", run.drift());
+            // The lighter block comes back.
+            let [above, _] = run.subdomains()[1].momentum();
+            assert!(above.z > -0.5 * start.z.abs(), "{name}: {:e}", above.z / start.z);
+        }
+    }
+}
+
+/// A block on a held one, under gravity that rises, with damping. Returns the run at rest, or as it slides.
+fn resting(below: &str, above: &str, gravity: Vector3<f64>, law: ContactLaw, end: f64) -> Coupled<f64> {
+    let size = [4, 4, 2];
+    let mut a = block(
+        below,
+        "below",
+        Vector3::new(0.0, 0.0, -2.0 * H),
+        size,
+        H,
+        Vector3::zeros(),
+    );
+    let low = Vector3::new(1.2 * H, 1.3 * H, 0.0);
+    let b = block(above, "above", low, [2, 2, 1], 0.8 * H, Vector3::zeros());
+    let held = a
+        .side
+        .model()
+        .nodes()
+        .iter()
+        .enumerate()
+        .filter(|(_, x)| x.z < -1.7 * H);
+    let held: Vec<usize> = held.flat_map(|(n, _)| 3 * n..3 * n + 3).collect();
+    a.side = a
+        .side
+        .with_support(PrescribedMotion::fixed(held))
+        .with_effect(Box::new(MassDamping::new(2e5).unwrap()));
+    let ramp = TimeFunction::Ramp { duration: 2e-5 };
+    let force = BodyForce::new(gravity).unwrap().over_time(ramp).unwrap();
+    let side = b
+        .side
+        .with_effect(Box::new(force))
+        .with_effect(Box::new(MassDamping::new(2e5).unwrap()));
+    let mut run = touching(a, Block { side, ..b }, law, 0.8);
+    while run.time() < end {
+        run.run(100, &mut Silent).unwrap();
+    }
+    run
+}
+
+const PAIRS: [(&str, &str); 5] = [
+    ("hex", "dem"),
+    ("tet", "hex"),
+    ("hex", "cnem"),
+    ("cnem", "dem"),
+    ("dem", "tet"),
+];
+
+#[test]
+fn the_force_on_a_block_at_rest_is_its_weight() {
+    for (below, above) in PAIRS {
+        let law = ContactLaw {
+            restitution: 0.3,
+            ..ContactLaw::elastic(E)
+        };
+        let mut run = resting(below, above, Vector3::new(0.0, 0.0, -9.81e3), law, 4e-4);
+        let s = &run.subdomains()[1];
+        let mass: f64 = (0..s.model().nodes().len()).map(|n| s.inertia()[3 * n]).sum();
+        let weight = mass * 9.81e3;
+        let name = "contact below-above";
+        let up = run.effect_resultant(1, name, &Point3::origin()).unwrap().force;
+        let down = run.effect_resultant(0, name, &Point3::origin()).unwrap().force;
+        assert!(
+            (up + down).norm() < 1e-13 * weight,
+            "{above} on {below}: {:e}",
+            (up + down).norm()
+        );
+        assert!(
+            (up.z / weight - 1.0).abs() < 1e-6,
+            "{above} on {below}: {:e}",
+            up.z / weight - 1.0
+        );
+        assert!(up.xy().norm() < 1e-6 * weight);
+    }
+}
+
+#[test]
+fn a_block_sticks_on_a_block_up_to_the_angle_of_friction() {
+    let mu = 0.3;
+    for (below, above) in &PAIRS[..3] {
+        for slope in [0.29995, 0.30005_f64] {
+            let law = ContactLaw {
+                friction: mu,
+                restitution: 0.3,
+                ..ContactLaw::elastic(E)
+            };
+            let g = Vector3::new(slope, 0.0, -1.0) * 9.81e3;
+            let mut run = resting(below, above, g, law, 6e-4);
+            let force = run
+                .effect_resultant(1, "contact below-above", &Point3::origin())
+                .unwrap()
+                .force;
+            let ratio = -force.x / force.z;
+            assert!(
+                (ratio - slope.min(mu)).abs() < 1e-5,
+                "{above} on {below} {slope}: {ratio}"
+            );
+        }
+    }
+}
+
+/// Patch test of contact: two blocks of one width with `counts` elements along it, whose meshes do not match,
+/// pressed between plates without friction. Returns the largest error of the vertical stress at the nodes,
+/// over its mean.
+fn patch(kind: &str, counts: [usize; 2]) -> f64 {
+    let side = 6.0 * H;
+    let make = |name: &str, n: usize, up: f64| {
+        let h = side / n as f64;
+        let layers = n / 2;
+        let low = Vector3::new(0.0, 0.0, up * h * layers as f64);
+        block(kind, name, low, [n, n, layers], h, Vector3::zeros())
+    };
+    // A face moves along z; two nodes on one of its edges keep the block from shifting and turning.
+    let held = |b: Block, z: f64, amplitude: f64| {
+        let nodes = b.side.model().nodes().to_vec();
+        let near = |x: [f64; 3]| {
+            nodes
+                .iter()
+                .position(|p| (p - Point3::from(x)).norm() < 1e-9)
+                .unwrap()
+        };
+        let (first, second) = (near([0.0, 0.0, z]), near([side, 0.0, z]));
+        let face = (0..nodes.len()).filter(|n| (nodes[*n].z - z).abs() < 1e-9);
+        let motion = PrescribedMotion {
+            dofs: face.map(|n| 3 * n + 2).collect(),
+            amplitude,
+            time: TimeFunction::Ramp { duration: 2e-5 },
+        };
+        let fixed = PrescribedMotion::fixed(vec![3 * first, 3 * first + 1, 3 * second + 1]);
+        let damping = Box::new(MassDamping::new(4e5).unwrap());
+        let side = b
+            .side
+            .with_support(motion)
+            .with_support(fixed)
+            .with_effect(damping);
+        Block { side, ..b }
+    };
+    let height = |n: usize| side / n as f64 * (n / 2) as f64;
+    let a = held(make("below", counts[0], -1.0), -height(counts[0]), 0.0);
+    let b = held(make("above", counts[1], 0.0), height(counts[1]), -1e-6);
+    let mut run = touching(a, b, ContactLaw::elastic(E), 0.8);
+    while run.time() < 1.2e-4 {
+        run.run(100, &mut Silent).unwrap();
+    }
+    let mut stresses = Vec::new();
+    for s in run.subdomains() {
+        let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
+        let mut out = Vec::new();
+        let recovery = s.model().views().recovery.unwrap();
+        recovery.recover(&s.state().q, &nodes, &mut out).unwrap();
+        stresses.extend(out.iter().map(|r| r.stress.0[2]));
+    }
+    let mean = stresses.iter().sum::<f64>() / stresses.len() as f64;
+    assert!(mean < -1e6, "the blocks are pressed: {mean:e} Pa");
+    stresses
+        .iter()
+        .fold(0.0, |worst, s| worst.max((s / mean - 1.0).abs()))
+}
+
+#[test]
+fn the_patch_test_of_contact_holds_within_a_per_cent() {
+    for (counts, limit) in [([2, 2], 1e-10), ([3, 4], 0.01)] {
+        let error = patch("tet", counts);
+        assert!(error < limit, "{counts:?}: {error:e}");
+    }
+}
+
+/// The same bits for one and three threads, and after a restart within the contact.
+#[test]
+fn threads_and_restarts_keep_the_bits() {
+    let law = ContactLaw {
+        friction: 0.4,
+        ..ContactLaw::elastic(E)
+    };
+    let bits = |run: &Coupled<f64>| -> Vec<u64> {
+        let states = run
+            .subdomains()
+            .iter()
+            .flat_map(|s| s.state().q.iter().chain(&s.state().v));
+        states.map(|x| x.to_bits()).collect()
+    };
+    for (below, above) in [("hex", "tet"), ("cnem", "dem")] {
+        let mut first = thrown(below, above, law, 0.8);
+        while fact(&first, "contacts") < 1.0 {
+            first.run(1, &mut Silent).unwrap();
+        }
+        first.run(5, &mut Silent).unwrap();
+        let done = first.steps();
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                let mut run = thrown(below, above, law, 0.8);
+                run.run(done + 60, &mut Silent).unwrap();
+                bits(&run)
+            })
+        };
+        let serial = on(1);
+        assert_eq!(serial, on(3), "three threads");
+        let saved = first.snapshot().unwrap();
+        let mut resumed = thrown(below, above, law, 0.8);
+        resumed.restore(&saved).unwrap();
+        resumed.run(60, &mut Silent).unwrap();
+        assert_eq!(
+            serial,
+            bits(&resumed),
+            "{above} on {below} after a restart at step {done}"
+        );
+    }
+}
+
+/// Deepest place of a node of one model inside the other \[m\]; for particles, of a centre.
+fn depth(run: &Coupled<f64>) -> f64 {
+    let mut deepest = f64::NEG_INFINITY;
+    for m in 0..2 {
+        let [own, other] = [&run.subdomains()[m], &run.subdomains()[1 - m]];
+        let places = |s: &Subdomain<f64>| -> Vec<Point3<f64>> {
+            let moved = s.model().nodes().iter().zip(s.state().q.as_chunks::<3>().0);
+            moved.map(|(x, u)| x + Vector3::from(*u)).collect()
+        };
+        let Some(surface) = other.model().views().surface else {
+            continue;
+        };
+        let nodes = places(other);
+        let faces = surface
+            .triangles()
+            .iter()
+            .map(|t| t.map(|n| nodes[n as usize]))
+            .collect();
+        let solid = Solid::new(faces).unwrap();
+        for x in places(own) {
+            deepest = deepest.max(-solid.distance(&x).0);
+        }
+    }
+    deepest
+}
+
+/// Random pairs of turned blocks are shot at each other: none passes through, whatever the step.
+#[test]
+fn forty_random_turned_pairs_do_not_pass_through() {
+    let mut seed = 11_u64;
+    let mut random = move || {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let kinds = [
+        ("hex", "tet"),
+        ("tet", "hex"),
+        ("hex", "hex"),
+        ("hex", "dem"),
+        ("dem", "tet"),
+    ];
+    for k in 0..40 {
+        let (below, above) = kinds[k % 5];
+        let mut turn = || Vector3::new(random(), random(), random()) * 3.0;
+        let (first, second) = (turn(), turn());
+        let a = block(below, "below", Vector3::repeat(-1.5 * H), [3, 3, 3], H, first);
+        let aside = Vector3::new(random() - 0.5, random() - 0.5, 0.0) * H;
+        let low = aside + Vector3::new(-0.75, -0.75, 4.0) * H;
+        let b = block(above, "above", low, [2, 2, 2], 0.75 * H, second);
+        let way = Vector3::new(0.0, 0.0, -40.0);
+        let b = Block {
+            side: moving(b.side, way),
+            ..b
+        };
+        let law = ContactLaw {
+            friction: 0.2,
+            ..ContactLaw::elastic(E)
+        };
+        let fraction = 0.1 + 0.85 * random();
+        let mut run = touching(a, b, law, fraction);
+        let start = run.momentum()[0];
+        let before = run.energy();
+        let (mut touched, mut deepest) = (0.0_f64, 0.0_f64);
+        while run.time() < 1e-4 {
+            run.run(20, &mut Silent).unwrap();
+            touched = touched.max(fact(&run, "contacts"));
+            deepest = deepest.max(depth(&run));
+        }
+        let name = format!("{k}: {above} on {below} at {fraction:.2}");
+        assert!(touched > 0.0, "{name}: no contact");
+        assert!(deepest < 0.3 * H, "{name}: {deepest:e} m deep");
+        assert!(
+            run.created() <= 1e-13 * before,
+            "{name}: {:e}",
+            run.created() / before
+        );
+        assert!(
+            (run.momentum()[0] - start).norm() < 1e-10 * start.norm(),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn pairs_are_refused_by_name() {
+    let law = ContactLaw::elastic(E);
+    let z = Vector3::zeros();
+    let (a, b) = (
+        block("hex", "below", z, [2; 3], H, z),
+        block("hex", "above", z, [2; 3], 0.8 * H, z),
+    );
+    let spheres = [
+        block("dem", "s", z, [1; 3], H, z),
+        block("dem", "t", z, [1; 3], H, z),
+    ];
+    let refuse = |a: &Exterior, b: &Exterior, law| SurfaceContact::new(a, b, law).unwrap_err().to_string();
+    let error = refuse(&spheres[0].exterior, &spheres[1].exterior, law);
+    assert!(
+        error.contains("'contact s-t'") && error.contains("facets"),
+        "{error}"
+    );
+    let rolls = ContactLaw { rolling: 0.1, ..law };
+    let error = refuse(&a.exterior, &b.exterior, rolls);
+    assert!(
+        error.contains("'contact below-above'") && error.contains("rolling"),
+        "{error}"
+    );
+    // The facets of a hull of turned natural elements look both ways.
+    let turned = block("cnem", "turned", z, [2; 3], H, Vector3::new(0.4, 0.5, 0.3));
+    let error = refuse(&a.exterior, &turned.exterior, law);
+    assert!(
+        error.contains("surface of 'turned'") && error.contains("outwards"),
+        "{error}"
+    );
+    // One block begins within the other.
+    let low = Vector3::new(0.5, 0.5, 1.2) * H;
+    let inside = block("hex", "above", low, [1; 3], H, z);
+    let contact = SurfaceContact::new(&a.exterior, &inside.exterior, law).unwrap();
+    let parts = Parts {
+        start: 0.0,
+        end: None,
+        subdomains: vec![a.side, inside.side],
+        interfaces: Vec::new(),
+        pairs: vec![PairSpec {
+            sides: [0, 1],
+            effect: Box::new(contact),
+        }],
+    };
+    let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("points start inside") && error.contains("'contact below-above'"),
+        "{error}"
+    );
+}
