@@ -82,7 +82,7 @@ impl<'a, T: Real> Extent<'a, T> {
         if field_cells.is_empty() {
             return Self::of_field(field);
         }
-        let kept = |c: &Cell<T>| {
+        let is_near = |c: &Cell<T>| {
             // Farther than the accuracy of both surfaces together.
             let reach = Vector3::repeat(length(c));
             let [low, high] = c.bounds();
@@ -91,7 +91,7 @@ impl<'a, T: Real> Extent<'a, T> {
         let cells: Vec<_> = field_cells
             .into_iter()
             .map(with_unit_section)
-            .filter(kept)
+            .filter(is_near)
             .collect();
         let planes = cells.iter().map(Cell::half_spaces).collect();
         let lengths: Vec<T> = cells.iter().map(length).collect();

@@ -152,19 +152,19 @@ impl Pieces {
     }
 
     /// Calls `part` with the same range of all arrays, for each piece.
-    pub(crate) fn each<T: Real, const M: usize, const N: usize>(
+    pub(crate) fn run<T: Real, const M: usize, const N: usize>(
         &self,
         targets: [&mut [T]; M],
         sources: [&[T]; N],
         part: &(impl Fn([&mut [T]; M], [&[T]; N]) + Sync),
     ) {
         let unknowns = self.0.iter().map(Range::len).sum();
-        each(&self.0, 0, (targets, sources), pays(unknowns), part);
+        split(&self.0, 0, (targets, sources), pays(unknowns), part);
     }
 }
 
-/// Work of [`Pieces::each`] on some pieces; the arrays begin at the unknown `base`.
-fn each<T: Real, const M: usize, const N: usize>(
+/// Work of [`Pieces::run`] on some pieces; the arrays begin at the unknown `base`.
+fn split<T: Real, const M: usize, const N: usize>(
     pieces: &[Range<usize>],
     base: usize,
     (targets, sources): ([&mut [T]; M], [&[T]; N]),
@@ -184,8 +184,8 @@ fn each<T: Real, const M: usize, const N: usize>(
                 sources.map(|x| &x[..cut - base]),
                 sources.map(|x| &x[cut - base..]),
             ];
-            let early = || each(early, base, (first, a), parallel, part);
-            let late = || each(late, cut, (second, b), parallel, part);
+            let early = || split(early, base, (first, a), parallel, part);
+            let late = || split(late, cut, (second, b), parallel, part);
             if parallel {
                 rayon::join(early, late);
             } else {
@@ -202,7 +202,7 @@ fn each<T: Real, const M: usize, const N: usize>(
 /// `v += Δt/2 a`, `q += Δt v`, `force = 0`.
 pub(crate) fn kick_and_drift<T: Real>(pieces: &Pieces, dt: T, [q, v, force]: [&mut [T]; 3], a: &[T]) {
     let h = dt * T::of(0.5);
-    pieces.each([q, v, force], [a], &|[q, v, f], [a]| {
+    pieces.run([q, v, force], [a], &|[q, v, f], [a]| {
         for ((q, v), (a, f)) in q.iter_mut().zip(v).zip(a.iter().zip(f)) {
             *v += h * *a;
             *q += dt * *v;
@@ -222,7 +222,7 @@ pub(crate) fn kick_and_drift_from<T: Real>(
     a: &[T],
 ) {
     let h = dt * T::of(0.5);
-    pieces.each([q, v, force], [before, a], &|[q, v, f], [before, a]| {
+    pieces.run([q, v, force], [before, a], &|[q, v, f], [before, a]| {
         let moving = before.iter().zip(q).zip(v);
         for (((before, q), v), (a, f)) in moving.zip(a.iter().zip(f)) {
             *v += h * *a;
@@ -234,7 +234,7 @@ pub(crate) fn kick_and_drift_from<T: Real>(
 
 /// `a = w force`, `v += h a`.
 pub(crate) fn accelerate<T: Real>(pieces: &Pieces, h: T, [v, a]: [&mut [T]; 2], force: &[T], w: &[T]) {
-    pieces.each([v, a], [force, w], &|[v, a], [f, w]| {
+    pieces.run([v, a], [force, w], &|[v, a], [f, w]| {
         for ((v, a), (f, w)) in v.iter_mut().zip(a).zip(f.iter().zip(w)) {
             *a = *f * *w;
             *v += h * *a;

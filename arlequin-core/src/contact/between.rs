@@ -273,10 +273,10 @@ impl PairEffectSpec<f64> for SurfaceContact {
             .iter()
             .flat_map(|s| (0..s.points.len()).map(|k| s.radius(k)));
         contacts.allowed = radii.collect();
-        let rest = [0, 1].map(|s: usize| vec![0.0; 3 * contacts.sides[s].rest.len()]);
-        let rest = rest.each_ref().map(Vec::as_slice);
-        contacts.find(rest);
-        contacts.check_start(rest)?;
+        let undeformed = [0, 1].map(|s: usize| vec![0.0; 3 * contacts.sides[s].rest.len()]);
+        let undeformed = undeformed.each_ref().map(Vec::as_slice);
+        contacts.find(undeformed);
+        contacts.check_start(undeformed)?;
         for (point, foot) in contacts.near.feet() {
             let allowed = &mut contacts.allowed[point as usize];
             *allowed = allowed.min(foot.distance);

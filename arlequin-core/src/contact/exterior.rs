@@ -247,8 +247,8 @@ impl Side {
         if self.turns { self.points[k].size } else { 0.0 }
     }
 
-    /// Present place of a node \[m\].
-    pub(super) fn at(&self, n: u32, q: &[f64]) -> Vector3<f64> {
+    /// Returns the present position of a node \[m\].
+    pub(super) fn position(&self, n: u32, q: &[f64]) -> Vector3<f64> {
         let (n, o) = (n as usize, 3 * n as usize);
         self.rest[n].coords + Vector3::new(q[o], q[o + 1], q[o + 2])
     }
@@ -350,19 +350,19 @@ impl Side {
             }
         };
         // Sliding turns a sphere as well: `1/m + r²/I = 3.5/m`.
-        let own = slide(if self.turns { 3.5 } else { 1.0 });
+        let sliding = slide(if self.turns { 3.5 } else { 1.0 });
         for p in &self.points {
             let [k, c, _] = self.largest(p, law);
             for (n, w) in p.place.nodes() {
-                stiffness[n] += own * k * w / self.unweighted[n];
+                stiffness[n] += sliding * k * w / self.unweighted[n];
                 damping[n] += c * w / self.unweighted[n];
             }
         }
         let mut top = [0.0_f64; 4];
         for p in &other.points {
             let [k, c, area] = other.largest(p, law);
-            let these = [k, c, k / area, c / area];
-            top.iter_mut().zip(these).for_each(|(top, x)| *top = top.max(x));
+            let largest = [k, c, k / area, c / area];
+            top.iter_mut().zip(largest).for_each(|(top, x)| *top = top.max(x));
         }
         let [k, c, k_area, c_area] = top;
         let mut out = [0.0_f64; 2];

@@ -126,7 +126,7 @@ pub(super) fn foot<'a>(
         let d = seeker.at - x;
         let height = n.dot(&d);
         let aside = (d - n * height).norm();
-        let found = if seeker.normal.is_some() {
+        let nearest = if seeker.normal.is_some() {
             (height < 0.0 && height >= -facet.depth && aside <= RIM * facet.size).then_some((height, n))
         } else {
             let size = d.norm();
@@ -136,7 +136,7 @@ pub(super) fn foot<'a>(
                 false => (size <= facet.depth.min(seeker.radius)).then_some((-size, -normal)),
             }
         };
-        let Some((distance, normal)) = found else {
+        let Some((distance, normal)) = nearest else {
             continue;
         };
         // On an edge, the facet whose plane is farther from a sphere says on which side the sphere lies, and

@@ -115,7 +115,7 @@ impl Near {
             return;
         }
         let around = |f: &Facet| {
-            let corners = f.nodes.map(|n| Point3::from(other.at(n, q[1 - s])));
+            let corners = f.nodes.map(|n| Point3::from(other.position(n, q[1 - s])));
             let [low, high] = bounds_of(corners.iter());
             let margin = Vector3::repeat(self.skin + f.depth);
             [low - margin, high + margin]
@@ -125,22 +125,22 @@ impl Near {
         let near = |k: usize| {
             let x = own.points[k].rest + own.points[k].place.value(q[s]);
             let size = Vector3::repeat(own.radius(k));
-            let mut found: Vec<u32> = Vec::new();
+            let mut facets: Vec<u32> = Vec::new();
             tree.any(&[x - size, x + size], &mut |facet| {
-                found.push(facet as u32);
+                facets.push(facet as u32);
                 false
             });
             // Ascending: the foot does not depend on the tree.
-            found.sort_unstable();
-            (!found.is_empty()).then_some((first + k as u32, found))
+            facets.sort_unstable();
+            (!facets.is_empty()).then_some((first + k as u32, facets))
         };
         let count = 0..own.points.len();
-        let found: Vec<_> = count
+        let lists: Vec<_> = count
             .into_par_iter()
             .with_min_len(CHUNK)
             .filter_map(near)
             .collect();
-        for (point, facets) in found {
+        for (point, facets) in lists {
             self.points.push(point);
             self.facets.extend(facets);
             self.starts.push(self.facets.len());
@@ -161,7 +161,7 @@ impl Near {
             };
             let near = facets[starts[n]..starts[n + 1]].iter();
             let near = near.map(|f| &other.facets[*f as usize]);
-            *out = foot(&seeker, near, |n| other.at(n, q[1 - s]));
+            *out = foot(&seeker, near, |n| other.position(n, q[1 - s]));
         };
         let feet = self.feet.par_iter_mut().enumerate();
         feet.with_min_len(CHUNK).for_each(find);

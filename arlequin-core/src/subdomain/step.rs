@@ -181,7 +181,7 @@ impl<T: Real> Forces<T> {
     fn reset_total(&mut self) {
         let pieces = &self.pieces[usize::from(self.unsettled == 0)];
         if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
-            pieces.each([total], [&self.internal], &|[total], [internal]| {
+            pieces.run([total], [&self.internal], &|[total], [internal]| {
                 total.copy_from_slice(internal);
             });
         }

@@ -310,7 +310,7 @@ impl Follow {
         };
         let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
         let watched = |b: usize| self.rim[of_bonds[b] as usize] && awake(b);
-        let own = bonds.utilisations(&spheres.state().q, &watched);
+        let loads = bonds.utilisations(&spheres.state().q, &watched);
         let strains = self.quiet.strains(&body.state().q);
         let loud = self.quiet.may_reach(SOON * limits.wake, &strains);
         let looked_at = |b: usize| loud[of_bonds[b] as usize] && !in_zone(b);
@@ -324,7 +324,7 @@ impl Follow {
         for (b, e) in of_bonds.iter().enumerate() {
             let (e, u) = (*e as usize, in_field[b]);
             largest[e] = largest[e].max(u);
-            hot[e] |= own[b] >= HOT;
+            hot[e] |= loads[b] >= HOT;
             out.core[e] |= u >= limits.wake;
             soon[e] |= u >= SOON * limits.wake;
             if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
@@ -364,11 +364,12 @@ impl Follow {
         let q = &body.state().q;
         let mut out = vec![0.0; spheres.state().q.len()];
         let (linear, angular) = out.split_at_mut(spheres.model().layout().translations());
-        let each = linear
+        let chunks = linear
             .par_chunks_exact_mut(3)
             .zip(angular.par_chunks_exact_mut(3));
         let places = self.rows.par_iter().zip(&*self.moving.responses);
-        each.zip(places.zip(wanted))
+        chunks
+            .zip(places.zip(wanted))
             .for_each(|((u, th), ((Placed { row, way }, response), wanted))| {
                 if !wanted {
                     return;
@@ -382,9 +383,9 @@ impl Follow {
                     slope += d * row.gradients[k].transpose();
                 }
                 // Outside, the field goes on linearly.
-                let own = response.at(&slope);
-                u.copy_from_slice((value + slope * way + own[0]).as_slice());
-                th.copy_from_slice((turn + own[1]).as_slice());
+                let relaxation = response.at(&slope);
+                u.copy_from_slice((value + slope * way + relaxation[0]).as_slice());
+                th.copy_from_slice((turn + relaxation[1]).as_slice());
             });
         out
     }
@@ -408,17 +409,17 @@ fn in_unit_strains(
             let h: Matrix3<f64> = strain * sign;
             let mut q = vec![0.0; 6 * nodes.len()];
             let (linear, angular) = q.split_at_mut(3 * nodes.len());
-            let each = linear
+            let chunks = linear
                 .par_chunks_exact_mut(3)
                 .zip(angular.par_chunks_exact_mut(3));
             let places = nodes.par_iter().zip(&*moving.responses);
-            each.zip(places).for_each(|((u, th), (x, response))| {
-                let own = response.at(&h);
-                u.copy_from_slice((h * x.coords + own[0]).as_slice());
-                th.copy_from_slice(own[1].as_slice());
+            chunks.zip(places).for_each(|((u, th), (x, response))| {
+                let relaxation = response.at(&h);
+                u.copy_from_slice((h * x.coords + relaxation[0]).as_slice());
+                th.copy_from_slice(relaxation[1].as_slice());
             });
-            let found = bonds.utilisations(&q, &|_| true);
-            for (u, e) in found.iter().zip(of_bonds) {
+            let loads = bonds.utilisations(&q, &|_| true);
+            for (u, e) in loads.iter().zip(of_bonds) {
                 let most = &mut out[*e as usize][k];
                 *most = most.max(u / SMALL);
             }

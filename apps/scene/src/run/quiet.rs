@@ -23,7 +23,7 @@ const VARIES: f64 = 3.0;
 /// Strain of an element `xx yy zz yz zx xy` \[–\], shears as `γ = 2ε`.
 pub(super) type Strain = [f64; 6];
 
-/// What is known of the elements from earlier looks.
+/// Elements with their strains and utilisations at the last looks.
 #[derive(Debug)]
 pub(super) struct Quiet {
     /// Gradients of the body's shape functions at the centre of each element.
@@ -35,7 +35,7 @@ pub(super) struct Quiet {
 }
 
 impl Quiet {
-    /// Knows nothing yet of elements with these centres and utilisations in unit strains.
+    /// Starts without a look at elements with these centres and utilisations in unit strains.
     pub(super) fn new(
         field: &dyn Interpolation<f64>,
         centres: &[Point3<f64>],

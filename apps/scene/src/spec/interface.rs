@@ -300,8 +300,8 @@ impl WeightTable {
     /// Returns whether the weight at a point depends on the position across the overlap alone, and not on all
     /// nodes of the mediator.
     pub fn is_local(&self) -> bool {
-        let own = [&self.alpha, &self.beta, &self.gamma].into_iter().flatten();
-        let mut kinds = own.map(|t| t.profile).chain([self.kind()]);
+        let separate = [&self.alpha, &self.beta, &self.gamma].into_iter().flatten();
+        let mut kinds = separate.map(|t| t.profile).chain([self.kind()]);
         kinds.all(|kind| kind != ProfileKind::MediatorCompatible)
     }
 }

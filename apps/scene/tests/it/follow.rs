@@ -193,6 +193,39 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
     );
 }
 
+/// Nearly as many elements as spheres: hats of the absorber's space cannot be told apart in later overlaps.
+#[test]
+fn spheres_hardly_finer_than_the_elements_come_through_all_changes() {
+    let results = run(&scene(&[COARSE[0], COARSE[2], ("end = 70e-6", "end = 30e-6")]));
+    let summary = results.summary();
+    let (changes, drift) = (summary.conversions.len(), summary.energy.h_drift_max);
+    assert!(changes > 5, "{changes} changes");
+    assert!(drift < 1e-9, "{drift:e}");
+    let sparse = scene(&[("spacing = 0.5e-3", "spacing = 0.9e-3")])
+        .prepare()
+        .map(|_| ());
+    let message = sparse.expect_err("too few spheres").to_string();
+    assert!(
+        message.contains("zone.crack.spacing") && message.contains("too few"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_probe_of_the_body_that_the_zone_reaches_is_named() {
+    let probe = "[probe.ahead]\nmodel = \"body\"\nat = [16e-3, 10e-3, 1e-3]\nquantity = \"displacement\"\ncomponent = \"y\"\n\n\
+                 [probe.load]";
+    let results = run(&scene(&[
+        COARSE[0],
+        COARSE[1],
+        COARSE[2],
+        ("[probe.load]", probe),
+    ]));
+    let warnings = &results.summary().warnings;
+    let named = warnings.iter().filter(|w| w.contains("probe 'ahead' of 'body'"));
+    assert_eq!(named.count(), 1, "{warnings:?}");
+}
+
 #[test]
 fn a_zone_that_follows_stays_off_supports() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");

@@ -36,8 +36,8 @@ impl<T: Real> Group<'_, T> {
         let mut samples: Vec<Sample<T>> = Vec::new();
         let cells: Vec<_> = self.members[m].extent.cells().into();
         let near = self.near;
-        let kept = |c: &&Cell<T>| near.is_none_or(|near| near(&inner_bounds(c)));
-        for cell in cells.iter().filter(kept) {
+        let is_near = |c: &&Cell<T>| near.is_none_or(|near| near(&inner_bounds(c)));
+        for cell in cells.iter().filter(is_near) {
             let measure = cell.measure();
             total += measure;
             // Corners are read slightly inside of this cell, because weights may jump by epsilon at a border

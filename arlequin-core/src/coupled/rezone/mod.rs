@@ -136,9 +136,8 @@ pub struct Rezoned<T: Real> {
     pub rigid: T,
     /// Remaining part: the consistent start.
     pub start: T,
-    /// Share of the start: change of the internal energy as jumps between the displacements are closed. They
-    /// close in the metric of the masses, which is not that of the energy, so that this is nearly always
-    /// positive.
+    /// Share of the start: change of the internal energy as jumps between the displacements are closed in the
+    /// metric of the masses. Measured changes have been positive.
     pub closing: T,
     /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each body of [`Coupled::bodies`], about its
     /// centre.

@@ -135,8 +135,8 @@ impl Case {
 
     /// Systems of both models as one, without weights and coupling.
     pub(super) fn plain_system(&mut self) -> Result<System> {
-        let one = || Weights::from_weight(Arc::new(Uniform(1.0)));
-        self.system(&[one(), one()])
+        let unit = || Weights::from_weight(Arc::new(Uniform(1.0)));
+        self.system(&[unit(), unit()])
     }
 
     /// The coarse model in the place of both.

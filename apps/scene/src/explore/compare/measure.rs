@@ -333,12 +333,12 @@ pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>>
 /// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the
 /// moduli of the models differ, so do the lines, and what lies between them is no deviation.
 fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
-    let all = layers(system, q, waves.spacing[1]);
+    let layers = layers(system, q, waves.spacing[1]);
     let (margin, width) = (waves.spacing[0], waves.width);
-    let line = |keep: &dyn Fn(f64) -> bool| fit(all.iter().filter(|l| keep(l[0])));
+    let line = |keep: &dyn Fn(f64) -> bool| fit(layers.iter().filter(|l| keep(l[0])));
     let low = line(&|x| x < -margin);
     let high = line(&|x| x > width + margin);
-    let inside = all.iter().filter(|l| l[0] >= 0.0 && l[0] <= width);
+    let inside = layers.iter().filter(|l| l[0] >= 0.0 && l[0] <= width);
     let off = |[x, u]: &[f64; 2]| {
         let ends = [low[0] + low[1] * x, high[0] + high[1] * x];
         let (a, b) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
