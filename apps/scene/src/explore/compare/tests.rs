@@ -77,7 +77,7 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
         let wanted = 4.0 * (1.0 - alpha).powi(2) + (2.0 * alpha - 1.0).powi(2) - 1.0;
         for (word, wanted) in [(Method::Nodal, wanted), (Method::Arlequin, 0.0)] {
             let mut coupling = couple(&mut case, word, 1.0).unwrap();
-            let waves = Waves::new(&case, &*coupling);
+            let waves = Waves::new(&case, &*coupling).unwrap();
             let (wave, time) = waves.pulse(true);
             let [before, _, after] = run(&mut *coupling, &wave, time);
             let change = after / before - 1.0;
@@ -101,7 +101,7 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
         let mut case = case(&text, &[]);
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
         assert_eq!(coupling.pace().own, 5);
-        let waves = Waves::new(&case, &*coupling);
+        let waves = Waves::new(&case, &*coupling).unwrap();
         let drift = noise(&mut *coupling, &waves).drift;
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
     }
