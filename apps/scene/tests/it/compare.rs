@@ -92,6 +92,36 @@ fn one_layer_reflects_no_more_but_takes_one_step_for_both() {
     within("strong over weak", patch(&edge) / patch(&weak), 0.999, 1.001);
 }
 
+/// Figures of the line within a few per cent: those of the page, whose defects are each method's own.
+#[test]
+fn figures_of_the_line_are_those_of_the_page() {
+    let methods = [
+        Method::Lumped,
+        Method::Edge,
+        Method::Penalty,
+        Method::Augmented,
+        Method::BridgingScale,
+        Method::Gc,
+        Method::Ph,
+        Method::Quasicontinuum,
+    ];
+    let [_, lumped, edge, penalty, augmented, bridging, gc, ph, slaved] =
+        rows(board(&scene("bar-1d.toml"), &methods, 1.0));
+    let error = |r: &Row| r.pulse_error.expect("an error");
+    within("lumped, ten passages", lumped.pulse_drift, -0.25, -0.21);
+    within("edge, critical step", edge.critical, 0.99, 1.01);
+    // Springs on top of the particle's own stiffness, where it has half of its weight or more: √(2/3) of the step.
+    within("penalty, critical step", penalty.critical, 0.8, 0.83);
+    within("augmented, error", error(&augmented), 0.11, 0.135);
+    // Another program of the same scheme sends back 0.81 and 0.87 %.
+    within("bridging scale, down", bridging.down, 0.0076, 0.0086);
+    within("bridging scale, up", bridging.up, 0.0084, 0.0096);
+    within("gc, ten passages", gc.pulse_drift, -0.04, -0.02);
+    within("gc, error", error(&gc), 0.02, 0.03);
+    within("ph, short waves", ph.above.expect("a packet"), 1.4, 1.8);
+    within("quasicontinuum, error", error(&slaved), 0.028, 0.0295);
+}
+
 /// With stiff springs the step falls with the root of the stiffness.
 #[test]
 fn springs_cost_the_step() {

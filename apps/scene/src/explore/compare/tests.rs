@@ -63,6 +63,14 @@ fn example(name: &str) -> String {
     std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
 }
 
+/// Half of the coarse critical step has no room for two own steps of a mesh half as fine.
+#[test]
+fn own_steps_are_those_of_half_the_coarse_step() {
+    let mut case = case(&example("cantilever"), &[]);
+    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().pace();
+    assert_eq!(pace.own, 1);
+}
+
 /// Where the coarse weight is a constant α, forces weighted at the nodes change the energy of a long pulse by
 /// `t² + r² − 1` with `t = 2(1 − α)` and `r = 2α − 1`: +112 and −48 %.
 #[test]

@@ -28,7 +28,8 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
         .collect();
     let method = if strong { Method::Edge } else { Method::EdgeWeak };
     if system.is_anchored() {
-        let rule = "leaves nodes or particles without mass that hold others; take a coarse model of finite elements";
+        let rule =
+            "leaves nodes or particles without mass that hold others; take a coarse model of finite elements";
         return Err(case.refusal(method, rule));
     }
     if layer.is_empty() {
