@@ -88,6 +88,38 @@ fn one_layer_reflects_no_more_but_takes_one_step_for_both() {
     within("uniform strain", edge.patch.expect("a strain"), 0.005, 0.05);
     // A line has one particle in the layer.
     within("strong over weak", edge.down / weak.down, 0.999, 1.001);
+    let patch = |r: &Row| r.patch.expect("a strain");
+    within("strong over weak", patch(&edge) / patch(&weak), 0.999, 1.001);
+}
+
+/// Figures of the line within a few per cent: those of the page, whose defects are each method's own.
+#[test]
+fn figures_of_the_line_are_those_of_the_page() {
+    let methods = [
+        Method::Lumped,
+        Method::Edge,
+        Method::Penalty,
+        Method::Augmented,
+        Method::BridgingScale,
+        Method::Gc,
+        Method::Ph,
+        Method::Quasicontinuum,
+    ];
+    let [_, lumped, edge, penalty, augmented, bridging, gc, ph, slaved] =
+        rows(board(&scene("bar-1d.toml"), &methods, 1.0));
+    let error = |r: &Row| r.pulse_error.expect("an error");
+    within("lumped, ten passages", lumped.pulse_drift, -0.25, -0.21);
+    within("edge, critical step", edge.critical, 0.99, 1.01);
+    // Springs on top of the particle's own stiffness, where it has half of its weight or more: √(2/3) of the step.
+    within("penalty, critical step", penalty.critical, 0.8, 0.83);
+    within("augmented, error", error(&augmented), 0.11, 0.135);
+    // Another program of the same scheme sends back 0.81 and 0.87 %.
+    within("bridging scale, down", bridging.down, 0.0076, 0.0086);
+    within("bridging scale, up", bridging.up, 0.0084, 0.0096);
+    within("gc, ten passages", gc.pulse_drift, -0.04, -0.02);
+    within("gc, error", error(&gc), 0.02, 0.03);
+    within("ph, short waves", ph.above.expect("a packet"), 1.4, 1.8);
+    within("quasicontinuum, error", error(&slaved), 0.028, 0.0295);
 }
 
 /// With stiff springs the step falls with the root of the stiffness.
@@ -118,7 +150,7 @@ fn multipliers_at_own_steps_lose_or_gain() {
 }
 
 #[test]
-fn clusters_have_ghost_forces_and_full_sums_have_none() {
+fn clusters_and_full_sums_of_a_chain_are_one() {
     let methods = [
         Method::Quasicontinuum,
         Method::QuasicontinuumClusters,
@@ -140,7 +172,10 @@ fn clusters_have_ghost_forces_and_full_sums_have_none() {
         2.0,
     );
     within("energy", clusters.drift, -1e-9, 1e-9);
-    assert!(clusters.pulse_error > all.pulse_error, "{clusters:?} {all:?}");
+    // Bonds within an element are strained equally, so that any of them may stand for all.
+    let errors = clusters.pulse_error.unwrap_or(0.0) / all.pulse_error.unwrap_or(1.0);
+    within("clusters over all", errors, 0.999, 1.001);
+    within("clusters over all", clusters.down / all.down, 0.99, 1.01);
 }
 
 /// A model of weight −1 leaves bonds at the border that count beside elements.
@@ -158,6 +193,68 @@ fn a_replaced_energy_has_ghost_forces() {
         0.0,
         2.0 * own.pulse_error.unwrap_or(1.0),
     );
+}
+
+/// Where the middle of the overlap cuts an element, the zone begins at the next layer of nodes: no element is
+/// lost, and nothing holds the particles but the models.
+#[test]
+fn a_replaced_energy_begins_between_elements() {
+    let text = std::fs::read_to_string(scene("bar-1d.toml").source().path.clone()).expect("a file");
+    let narrow = Scene::from_text(text.replace("0.28", "0.295")).expect("a scene");
+    let [own, oniom] = rows(board(&narrow, &[Method::Oniom], 1.0));
+    within("momentum", oniom.momentum, 0.0, 1e-9);
+    within("reflected", oniom.down, 0.0, own.down);
+}
+
+/// A board has no unit and no direction: scaled, moved and mirrored scenes have the same figures.
+#[test]
+fn figures_do_not_depend_on_units_place_and_direction() {
+    // Ends of the chain and of the bar, where the chain begins, and the unit.
+    let line = |[a, b, c, d]: [f64; 4], unit: f64| {
+        let [a, b, c, d] = [a, b, c, d].map(|x| x * unit);
+        let (fine, coarse) = if a < c { (c, b) } else { (d, a) };
+        let model = |name: &str, kind: &str, role: &str, [from, to]: [f64; 2], spacing: f64| {
+            format!(
+                "[model.{name}]\nkind = \"{kind}\"\nrole = \"{role}\"\nshape.bar = {{ from = {from:e}, to = {to:e}, section = {:e} }}\n\
+                 spacing = {:e}\nmaterial = {{ young = 72.5e9, density = 2200.0 }}\n",
+                1e-4 * unit * unit,
+                spacing * unit
+            )
+        };
+        let text = model("chain", "chain", "fine", [a, b], 0.5e-3)
+            + &model("bar", "fem", "coarse", [c, d], 5e-3)
+            + &format!(
+                "[interface.joint]\ncoarse = \"bar\"\nfine = \"chain\"\n\
+                 overlap.slab = {{ fine = [{fine:e}, 0.0, 0.0], coarse = [{coarse:e}, 0.0, 0.0] }}\n\
+                 weight = {{ profile = \"cubic\" }}\nmediator = {{ spacing = {:e} }}\n[time]\nend = {:e}\n",
+                5e-3 * unit,
+                60e-6 * unit
+            );
+        let methods = [
+            Method::Edge,
+            Method::Oniom,
+            Method::Quasicontinuum,
+            Method::QuasicontinuumClusters,
+        ];
+        rows::<5>(board(&Scene::from_text(text).expect("a scene"), &methods, 1.0))
+    };
+    let wanted = line([0.0, 0.2, 0.18, 0.38], 1.0);
+    for (what, found) in [
+        ("micrometres", line([0.0, 0.2, 0.18, 0.38], 1e-6)),
+        ("moved", line([-0.19, 0.01, -0.01, 0.19], 1.0)),
+        ("mirrored", line([0.18, 0.38, 0.0, 0.2], 1e3)),
+    ] {
+        for (f, w) in found.iter().zip(&wanted) {
+            let what = format!("{what}, {}", f.method);
+            within(&what, f.down / w.down, 0.95, 1.05);
+            within(&what, f.up / w.up, 0.95, 1.05);
+            let error = |r: &Row| r.pulse_error.expect("an error");
+            within(&what, error(f) / error(w), 0.99, 1.01);
+            let patch = |r: &Row| r.patch.expect("a strain");
+            let off = (patch(f) - patch(w)).abs();
+            within(&what, off, 0.0, 0.01 * patch(w) + 1e-9);
+        }
+    }
 }
 
 /// Wagner and Liu (2003): the memory at the end of the zone takes what the coarse model cannot carry. A
@@ -184,7 +281,10 @@ fn a_memory_takes_short_waves() {
 
 #[test]
 fn alternation_conserves_nothing() {
-    let [own, schwarz] = rows(board(&scene("cantilever.toml"), &[Method::Schwarz], 1.0));
+    let methods = [Method::Schwarz, Method::Edge, Method::EdgeWeak];
+    let [own, schwarz, edge, weak] = rows(board(&scene("cantilever.toml"), &methods, 1.0));
+    // Particles between coarse nodes are tied in the mean only, so that more comes back.
+    within("weak over strong", weak.down / edge.down, 1.3, 1.7);
     within("default", own.pulse_drift, -1e-10, 1e-10);
     assert!(
         schwarz.drift.abs() > 0.01 || !schwarz.drift.is_finite(),
@@ -202,8 +302,18 @@ fn what_has_no_meaning_is_refused_by_name() {
         method == "schwarz" && reason.contains("'right'") && reason.contains("finite"),
         "{reason}"
     );
-    let b = board(&scene("bar-1d.toml"), &[Method::Penalty], -1.0);
-    assert!(b.refused[0].1.contains("must be positive"), "{:?}", b.refused);
+    for penalty in [-1.0, 0.0, f64::NAN, f64::INFINITY] {
+        let options = Options {
+            penalty,
+            ..Options::default()
+        };
+        let e = compare(&scene("bar-1d.toml"), &options, &mut |_, _, _| ()).expect_err("no spring");
+        let words = e.to_string();
+        assert!(
+            words.contains("--penalty") && words.contains("positive"),
+            "{words}"
+        );
+    }
     // A run has the methods of the core only.
     let gc = scene("bar-1d.toml")
         .set("interface.joint.method", "\"gc\"")
@@ -213,6 +323,25 @@ fn what_has_no_meaning_is_refused_by_name() {
         words.contains("interface.joint.method") && words.contains("arlequin compare"),
         "{words}"
     );
+    let text = std::fs::read_to_string(scene("bar-1d.toml").source().path.clone()).expect("a file");
+    let beam = std::fs::read_to_string(scene("cantilever.toml").source().path.clone()).expect("a file");
+    for (text, words) in [
+        // An overlap as long as the chain, a bar of another section, an overlap askew.
+        (text.replace("0.28", "0.0"), "model.chain.shape"),
+        (
+            text.replacen("section = 1e-4", "section = 2e-4", 1),
+            "one section",
+        ),
+        (beam.replacen("25.4e-3", "12.7e-3", 1), "one section"),
+        (
+            beam.replace("fine = [0.5588, 0.0,", "fine = [0.5588, 0.01,"),
+            "in line",
+        ),
+    ] {
+        let scene = Scene::from_text(text).expect("a scene");
+        let e = compare(&scene, &Options::default(), &mut |_, _, _| ()).expect_err("no board");
+        assert!(e.to_string().contains(words), "{words}: {e}");
+    }
     let many =
         Scene::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/three-levels.toml"));
     let e =

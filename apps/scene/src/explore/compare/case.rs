@@ -11,6 +11,9 @@ use arlequin::core::{Elastic, Interface, ShapeRow, Side, Slab, Uniform, Weight, 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Least length of a model's own region, in coarse spacings.
+const ROOM: f64 = 5.0;
+
 /// Two models and their interface before they are coupled.
 pub(super) struct Case {
     scene: LoweredScene,
@@ -63,23 +66,25 @@ impl Case {
                 return Err(value("interface", format!("{} interfaces", more.len()), rule));
             }
         };
-        let (bodies, interfaces) = setup::parts(&scene, folder, announce)?;
-        let Some(interface) = interfaces.into_iter().next() else {
-            return Err(key("interface", "is missing"));
-        };
         let OverlapSource::Given(OverlapShape::Slab { fine, coarse }) = &table.overlap else {
             let rule = "must be a slab: the comparison sends waves across it";
             return Err(key(format!("interface.{name}.overlap"), rule));
         };
         let [coarse, fine] = [coarse, fine].map(|x| Point3::from(*x));
         let (axis, width) = ((fine - coarse).normalize(), (fine - coarse).norm());
+        let names = [&table.coarse, &table.fine];
+        let whole = united(&scene, names, axis)?;
+        let (bodies, interfaces) = setup::parts(&scene, folder, announce)?;
+        let Some(interface) = interfaces.into_iter().next() else {
+            return Err(key("interface", "is missing"));
+        };
         let sides = [interface.spec.coarse, interface.spec.fine];
         for side in sides {
             linear(&bodies[side])?;
         }
         let frame = (coarse, axis);
         let places = places(&sides.map(|s| &bodies[s]), frame);
-        let fine = everywhere(&scene, folder, [&table.coarse, &table.fine], frame, announce)?;
+        let fine = everywhere((&scene, folder), whole, names, frame, announce)?;
         let mut full = Vec::new();
         for s in sides {
             full.extend(masses(&bodies[s], &Uniform(1.0))?);
@@ -142,8 +147,15 @@ impl Case {
     /// The coarse model in the place of both.
     pub(super) fn coarse_everywhere(&self) -> Result<Everywhere> {
         let table = &self.scene.interface[&self.name];
-        let names = [&table.fine, &table.coarse];
-        everywhere(&self.scene, &self.folder, names, self.frame(), &mut |_, _, _| ())
+        let (frame, names) = (self.frame(), [&table.fine, &table.coarse]);
+        let whole = united(&self.scene, names, frame.1)?;
+        everywhere(
+            (&self.scene, &self.folder),
+            whole,
+            names,
+            frame,
+            &mut |_, _, _| (),
+        )
     }
 
     /// Weighted systems of both models as one, without coupling.
@@ -275,6 +287,35 @@ impl Case {
         (x - self.origin).dot(&self.axis)
     }
 
+    /// Lengths of the models' own regions \[m\], the coarse one first.
+    ///
+    /// # Errors
+    /// A region without room for a pulse that the coarse model carries.
+    pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
+        let (coarse, fine) = self.places.x.split_at(self.places.split);
+        let lengths = [
+            -coarse.iter().copied().fold(0.0, f64::min),
+            fine.iter().copied().fold(0.0, f64::max) - self.width,
+        ];
+        for (side, length) in self.sides().into_iter().zip(lengths) {
+            let spacings = length / self.spacing[0];
+            // Not `spacings < ROOM`: a NaN must be refused, too.
+            if !(spacings >= ROOM) {
+                let rule = format!(
+                    "coarse spacings beside the overlap must be at least {ROOM}, so that a pulse has room; lengthen the model, narrow \
+                     the overlap or take a finer coarse mesh"
+                );
+                let name = self.bodies[side].model.name();
+                return Err(value(
+                    format!("model.{name}.shape"),
+                    format!("{spacings:.1}"),
+                    &rule,
+                ));
+            }
+        }
+        Ok(lengths)
+    }
+
     /// Nodes of the coarse model.
     pub(super) fn coarse_nodes(&self) -> &[Point3<f64>] {
         self.bodies[self.sides()[0]].model.nodes()
@@ -304,10 +345,25 @@ fn bare(scene: &LoweredScene) -> LoweredScene {
     out
 }
 
+/// Returns the shape over the place of both models; `names` are the model that goes and the one that stays.
+fn united(scene: &LoweredScene, [gone, kept]: [&String; 2], axis: Vector3<f64>) -> Result<Shape> {
+    let shapes = [gone, kept].map(|n| scene.model[n].shape.in_scene());
+    let along = axis.iamax();
+    let united = match shapes {
+        [Some(a), Some(b)] if axis[along].abs() > 1.0 - 1e-12 => union(a, b, along),
+        _ => None,
+    };
+    united.ok_or_else(|| {
+        let rule = "and that of the other model must be two boxes, cylinders or bars of one section, in line across the overlap; \
+                    the comparison needs one model in the place of both";
+        key(format!("model.{kept}.shape"), rule)
+    })
+}
+
 /// Builds one model over the place of both; `names` are the model that goes and the one that stays.
 fn everywhere(
-    scene: &LoweredScene,
-    folder: &Path,
+    (scene, folder): (&LoweredScene, &Path),
+    shape: Shape,
     [gone, kept]: [&String; 2],
     frame: (Point3<f64>, Vector3<f64>),
     announce: &mut dyn FnMut(&str, usize, usize),
@@ -316,16 +372,6 @@ fn everywhere(
     whole.interface.clear();
     whole.model.remove(gone);
     let path = |what: &str| format!("model.{kept}.{what}");
-    let shapes = [gone, kept].map(|n| scene.model[n].shape.in_scene());
-    let united = match shapes {
-        [Some(a), Some(b)] => union(a, b),
-        _ => None,
-    };
-    let Some(shape) = united else {
-        let rule = "and that of the other model must be two boxes, cylinders or bars in line; the comparison needs one model in the place \
-                    of both";
-        return Err(key(path("shape"), rule));
-    };
     if let Some(model) = whole.model.get_mut(kept) {
         if model.spacing.is_none() {
             let rule = "is missing: the comparison builds the model in the place of both; give spacing";
@@ -346,9 +392,9 @@ fn everywhere(
     })
 }
 
-/// Shape that covers two shapes in line.
-fn union(a: &Shape, b: &Shape) -> Option<Shape> {
-    let same = |x: f64, y: f64| (x - y).abs() <= 1e-9 * x.abs().max(y.abs());
+/// Shape that covers two shapes of one section in line along a coordinate.
+fn union(a: &Shape, b: &Shape, along: usize) -> Option<Shape> {
+    let close = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
     match (a, b) {
         (
             Shape::Bar { from, to, section },
@@ -357,7 +403,7 @@ fn union(a: &Shape, b: &Shape) -> Option<Shape> {
                 to: t,
                 section: s,
             },
-        ) if same(*section, *s) => Some(Shape::Bar {
+        ) if along == 0 && close(*section, *s, *s) => Some(Shape::Bar {
             from: from.min(*f),
             to: to.max(*t),
             section: *section,
@@ -369,7 +415,7 @@ fn union(a: &Shape, b: &Shape) -> Option<Shape> {
                 length: l,
                 radius: r,
             },
-        ) if same(*radius, *r) => {
+        ) if along == 0 && close(*radius, *r, *r) && [1, 2].iter().all(|c| close(from[*c], f[*c], *r)) => {
             let start = from[0].min(f[0]);
             Some(Shape::Cylinder {
                 from: [start, from[1], from[2]],
@@ -388,11 +434,17 @@ fn union(a: &Shape, b: &Shape) -> Option<Shape> {
                 high: h,
                 hole: None,
             },
-        ) => Some(Shape::Box {
-            low: [0, 1, 2].map(|c| low[c].min(l[c])),
-            high: [0, 1, 2].map(|c| high[c].max(h[c])),
-            hole: None,
-        }),
+        ) if (0..3).filter(|c| *c != along).all(|c| {
+            let size = h[c] - l[c];
+            close(low[c], l[c], size) && close(high[c], h[c], size)
+        }) =>
+        {
+            Some(Shape::Box {
+                low: [0, 1, 2].map(|c| low[c].min(l[c])),
+                high: [0, 1, 2].map(|c| high[c].max(h[c])),
+                hole: None,
+            })
+        }
         _ => None,
     }
 }

@@ -11,7 +11,7 @@ use std::time::Instant;
 /// Half width of the pulse, in coarse spacings, where the models are long enough.
 const PULSE: f64 = 10.0;
 /// Share of a model's own region that a pulse may fill with each half.
-const ROOM: f64 = 0.45;
+const FILLED: f64 = 0.45;
 /// Passages of the pulse over which its energy is watched.
 const PASSAGES: f64 = 10.0;
 /// Multiplications of the run from a random state, and its least and most steps.
@@ -36,25 +36,25 @@ pub(super) struct Waves {
 
 impl Waves {
     /// Chooses waves for a case; `default` is the method whose steps decide the length of the random run.
-    pub(super) fn new(case: &Case, default: &dyn Coupling) -> Self {
-        let split = case.places.split;
-        let x = &case.places.x;
-        let coarse = -x[..split].iter().fold(0.0_f64, |m, x| m.min(*x));
-        let fine = x[split..].iter().fold(0.0_f64, |m, x| m.max(*x)) - case.width;
+    ///
+    /// # Errors
+    /// Models that are too short for a pulse.
+    pub(super) fn new(case: &Case, default: &dyn Coupling) -> Result<Self> {
+        let [coarse, fine] = case.own_lengths()?;
         let [h, d] = case.spacing;
-        let half = (PULSE * h).min(ROOM * coarse).min(ROOM * fine);
+        let half = (PULSE * h).min(FILLED * coarse).min(FILLED * fine);
         // Elements carry nothing shorter than two spacings, particles hardly anything below four.
         let wavelength = (0.8 * h).max(4.0 * d);
         let steps = (RANDOM_WORK / default.work()).clamp(RANDOM_STEPS[0], RANDOM_STEPS[1]);
-        Self {
+        Ok(Self {
             wavelength: (wavelength < 1.6 * h).then_some(wavelength),
-            packet: (6.0 * wavelength).min(ROOM * fine),
+            packet: (6.0 * wavelength).min(FILLED * fine),
             random: steps.round() * default.pace().step,
             width: case.width,
             spacing: case.spacing,
             speed: case.speed,
             half,
-        }
+        })
     }
 
     /// The pulse from the fine or from the coarse model, and how long it takes to pass.

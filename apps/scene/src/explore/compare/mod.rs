@@ -94,15 +94,20 @@ type Built = (f64, Box<dyn Coupling>);
 ///
 /// # Errors
 /// Scenes in which a comparison has no meaning: other than one interface, a shell, models that are not
-/// linear.
+/// linear, not of one section in line or too short; a penalty that is not positive.
 pub fn compare(
     scene: &Scene,
     options: &Options,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Board> {
+    let factor = options.penalty;
+    if !(factor > 0.0 && factor.is_finite()) {
+        let rule = "must be positive: the stiffness of the springs over that of a particle";
+        return Err(crate::error::value("--penalty", factor, rule));
+    }
     let mut case = Case::new(scene.spec(), scene.folder(), announce)?;
     let (setup, mut default) = built(&mut case, Method::Arlequin, options)?;
-    let waves = Waves::new(&case, &*default);
+    let waves = Waves::new(&case, &*default)?;
     let mut reference = method::fine_everywhere(&mut case)?;
     announce("fine everywhere", 0, 0);
     let profile = measure::down(&mut *reference, &waves, None).profile;

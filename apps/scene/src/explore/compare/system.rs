@@ -138,6 +138,13 @@ impl System {
         out
     }
 
+    /// Returns whether a displacement without mass has stiffness: forces on it would be lost.
+    pub(super) fn is_anchored(&self) -> bool {
+        let own = |i: usize| self.stiffness.get(i, i).copied().unwrap_or(0.0);
+        let top = (0..self.size()).map(own).fold(0.0, f64::max);
+        (0..self.size()).any(|i| self.places.moves[i] && self.inverse[i] == 0.0 && own(i) > 1e-9 * top)
+    }
+
     /// Momentum along the axis \[kg m/s\], and the sum of its moduli.
     pub(super) fn momentum(&self, v: &[f64]) -> [f64; 2] {
         let parts = (0..self.size()).filter(|i| self.inverse[*i] > 0.0);
@@ -176,6 +183,11 @@ impl System {
         let mut p: Vec<f64> = Vec::new();
         let mut before = 0.0;
         for _ in 0..MOST_ITERATIONS {
+            // Multipliers balance most of the residual. Left in, they would drown the rest, and round-off
+            // would lead the iteration out of the constraint.
+            if let Some(t) = &tie {
+                t.balance(&mut r, &scale);
+            }
             let mut z: Vec<f64> = r.iter().zip(&scale).map(|(r, s)| r * s).collect();
             if let Some(t) = &tie {
                 t.project(&mut z, &scale);

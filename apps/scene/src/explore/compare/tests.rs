@@ -63,6 +63,14 @@ fn example(name: &str) -> String {
     std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
 }
 
+/// Half of the coarse critical step has no room for two own steps of a mesh half as fine.
+#[test]
+fn own_steps_are_those_of_half_the_coarse_step() {
+    let mut case = case(&example("cantilever"), &[]);
+    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().pace();
+    assert_eq!(pace.own, 1);
+}
+
 /// Where the coarse weight is a constant α, forces weighted at the nodes change the energy of a long pulse by
 /// `t² + r² − 1` with `t = 2(1 − α)` and `r = 2α − 1`: +112 and −48 %.
 #[test]
@@ -77,7 +85,7 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
         let wanted = 4.0 * (1.0 - alpha).powi(2) + (2.0 * alpha - 1.0).powi(2) - 1.0;
         for (word, wanted) in [(Method::Nodal, wanted), (Method::Arlequin, 0.0)] {
             let mut coupling = couple(&mut case, word, 1.0).unwrap();
-            let waves = Waves::new(&case, &*coupling);
+            let waves = Waves::new(&case, &*coupling).unwrap();
             let (wave, time) = waves.pulse(true);
             let [before, _, after] = run(&mut *coupling, &wave, time);
             let change = after / before - 1.0;
@@ -101,7 +109,7 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
         let mut case = case(&text, &[]);
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
         assert_eq!(coupling.pace().own, 5);
-        let waves = Waves::new(&case, &*coupling);
+        let waves = Waves::new(&case, &*coupling).unwrap();
         let drift = noise(&mut *coupling, &waves).drift;
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
     }

@@ -112,6 +112,13 @@ impl Tie {
         v.iter_mut().zip(&change).for_each(|(v, c)| *v -= c);
     }
 
+    /// Subtracts from forces `r` those of the multipliers that balance them: `r ← r − Gᵀ R G W r`.
+    pub(super) fn balance(&self, r: &mut [f64], inverse: &[f64]) {
+        let moved: Vec<f64> = r.iter().zip(inverse).map(|(r, w)| r * w).collect();
+        let mu = self.solve(&product(&self.rows, &moved));
+        add_product(&self.back, &mu, -1.0, 0..r.len(), r);
+    }
+
     /// Multiplications of one answer.
     pub(super) fn work(&self) -> f64 {
         let inner = match &self.response {

@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::Reflections;
 use crate::explore::compare::system::{Lift, System};
+use crate::spec::Method;
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::sprs::TriMat;
@@ -20,26 +21,49 @@ pub(super) fn blend(case: &mut Case) -> Result<Reflections> {
     Reflections::of_free(lift(system, &followers, d, split, |node, c| node * d + c))
 }
 
-/// Replaces the coarse energy beyond the middle of the overlap: a model of weight −1 takes it from the
-/// coarse model, so that each element counts whole or not at all. Bonds count whole that touch the zone;
-/// their ends outside, the link particles, have no mass and follow the coarse model.
+/// Replaces the coarse energy beyond the layer of coarse nodes next to the middle of the overlap: a model of
+/// weight −1 takes it from the coarse model, so that each element counts whole or not at all. Bonds count
+/// whole that touch the zone; their ends outside, the link particles, have no mass and follow the coarse
+/// model.
 pub(super) fn oniom(case: &mut Case) -> Result<Reflections> {
-    let (origin, axis) = case.frame();
-    let zone = |part| -> Arc<dyn Weight<f64>> {
-        let origin = origin + axis * (0.5 * case.width);
-        Arc::new(Zone { origin, axis, part })
+    let Some(border) = border(case) else {
+        let rule = "needs coarse nodes in the overlap; widen it to one coarse spacing";
+        return Err(case.refusal(Method::Oniom, rule));
     };
+    let (origin, axis) = case.frame();
+    let rounded = 1e-9 * case.width;
+    let origin = origin + axis * (border - rounded);
+    let zone = |part| -> Arc<dyn Weight<f64>> { Arc::new(Zone { origin, axis, part }) };
     let coarse = Weights::from_weight(zone(Part::Outside));
     let mut fine = Weights::from_weight(zone(Part::Inside));
     fine.internal = zone(Part::Touching);
     let system = case.system(&[coarse, fine])?;
-    let followers = case.followers(false, [f64::NEG_INFINITY, 0.5 * case.width]);
+    let followers = case.followers(false, [f64::NEG_INFINITY, border]);
     let (d, split) = (case.components(), case.places.split);
     let followers: Vec<_> = followers
         .into_iter()
         .filter(|(k, _)| system.inverse[split + k * d] == 0.0)
         .collect();
-    Reflections::of_free(lift(system, &followers, d, split, |node, c| node * d + c))
+    let lift = lift(system, &followers, d, split, |node, c| node * d + c);
+    if lift.reduced().is_anchored() {
+        let rule = "leaves nodes or particles without mass that hold others; take an overlap whose middle lies between elements, \
+                    and particles within the coarse mesh";
+        return Err(case.refusal(Method::Oniom, rule));
+    }
+    Reflections::of_free(lift)
+}
+
+/// Returns the distance of the layer of coarse nodes next to the middle of the overlap; of two as near, that
+/// on the side of the fine model. Particles must reach beyond it.
+fn border(case: &Case) -> Option<f64> {
+    let rounded = 1e-6 * case.width;
+    let layers = case.coarse_nodes().iter().map(|x| case.distance(x));
+    let layers = layers.filter(|x| *x > rounded && *x <= case.width + rounded);
+    let off = |x: &f64| (x - 0.5 * case.width).abs();
+    let least = layers.clone().map(|x| off(&x)).fold(f64::INFINITY, f64::min);
+    layers
+        .filter(|x| off(x) <= least + rounded)
+        .max_by(f64::total_cmp)
 }
 
 /// Cells that count.
@@ -55,6 +79,7 @@ enum Part {
 
 /// One for cells that count and zero for others.
 struct Zone {
+    /// A point of the border, less round-off: a particle on it belongs to the zone.
     origin: Point3<f64>,
     axis: Vector3<f64>,
     part: Part,
@@ -62,8 +87,7 @@ struct Zone {
 
 impl Weight<f64> for Zone {
     fn value(&self, x: &Point3<f64>) -> f64 {
-        // A particle on the border belongs to the zone.
-        let inside = (x - self.origin).dot(&self.axis) >= -1e-9 * self.origin.coords.amax();
+        let inside = (x - self.origin).dot(&self.axis) >= 0.0;
         f64::from(u8::from(inside != (self.part == Part::Outside)))
     }
 

@@ -26,8 +26,13 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
         .into_iter()
         .filter(|(k, _)| system.inverse[split + k * d] > 0.0)
         .collect();
+    let method = if strong { Method::Edge } else { Method::EdgeWeak };
+    if system.is_anchored() {
+        let rule =
+            "leaves nodes or particles without mass that hold others; take a coarse model of finite elements";
+        return Err(case.refusal(method, rule));
+    }
     if layer.is_empty() {
-        let method = if strong { Method::Edge } else { Method::EdgeWeak };
         let rule = "finds no particle in the middle layer of the overlap; take a finer model";
         return Err(case.refusal(method, rule));
     }

@@ -1,7 +1,7 @@
 //! Springs between each particle of the overlap and the coarse field.
 
 use super::edge::tied;
-use crate::error::{Result, value};
+use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::sparse::congruence;
@@ -10,13 +10,6 @@ use crate::explore::compare::system::System;
 /// `½ κ_i |N(x_i) u − d_i|²` with `κ_i` a multiple of the particle's own stiffness and of the smaller
 /// weight, so that the springs vanish with the model that they act on.
 pub(super) fn penalty(case: &mut Case, factor: f64) -> Result<Reflections> {
-    if !(factor > 0.0 && factor.is_finite()) {
-        return Err(value(
-            "penalty",
-            factor,
-            "must be positive: the stiffness of the springs over that of a particle",
-        ));
-    }
     let weights = case.weights();
     let system = case.system(&weights)?;
     let [alpha, beta] = [0, 1].map(|k| &*weights[k].internal);

@@ -13,8 +13,9 @@ use arlequin::core::sprs::CsMat;
 use arlequin::core::{Uniform, Weight};
 use std::sync::Arc;
 
-/// Half of the width of a cluster around a layer of nodes, in spacings of the particles.
-pub(super) const CLUSTER: f64 = 1.5;
+/// Half of the width of a cluster around a layer of nodes, in spacings of the particles. Middles of bonds lie
+/// half a spacing and one and a half from a node, so that round-off does not decide which of them count.
+pub(super) const CLUSTER: f64 = 2.0;
 
 /// Least number of bonds for which one of a cluster stands.
 const LEAST_FACTOR: f64 = 1.2;
