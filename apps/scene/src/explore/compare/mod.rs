@@ -10,6 +10,7 @@ mod reflections;
 mod sparse;
 mod system;
 mod tie;
+mod union;
 
 use crate::error::Result;
 use crate::scene::Scene;
