@@ -300,8 +300,7 @@ impl Case {
         ];
         for (side, length) in self.sides().into_iter().zip(lengths) {
             let spacings = length / self.spacing[0];
-            // Not `spacings < ROOM`: a NaN must be refused, too.
-            if !(spacings >= ROOM) {
+            if spacings.is_nan() || spacings < ROOM {
                 let rule = format!(
                     "coarse spacings beside the overlap must be at least {ROOM}, so that a pulse has room; lengthen the model, narrow \
                      the overlap or take a finer coarse mesh"
