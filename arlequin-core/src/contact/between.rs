@@ -57,8 +57,8 @@ impl SurfaceContact {
     /// Contact between two models; its name is `contact A-B`.
     ///
     /// # Errors
-    /// [`Error::InvalidParameter`] for parameters of the law, for two models without facets, and for a surface
-    /// whose facets do not all look outwards.
+    /// [`Error::InvalidParameter`] for parameters of the law, for two models without facets, and for a
+    /// surface whose facets do not all look outwards.
     pub fn new(first: &Exterior, second: &Exterior, law: ContactLaw) -> Result<Self> {
         law.check()?;
         let name = format!("contact {}-{}", first.name, second.name);

@@ -110,7 +110,8 @@ fn figures_of_the_line_are_those_of_the_page() {
     let error = |r: &Row| r.pulse_error.expect("an error");
     within("lumped, ten passages", lumped.pulse_drift, -0.25, -0.21);
     within("edge, critical step", edge.critical, 0.99, 1.01);
-    // Springs on top of the particle's own stiffness, where it has half of its weight or more: √(2/3) of the step.
+    // Springs on top of the particle's own stiffness, where it has half of its weight or more: √(2/3) of
+    // the step.
     within("penalty, critical step", penalty.critical, 0.8, 0.83);
     within("augmented, error", error(&augmented), 0.11, 0.135);
     // Another program of the same scheme sends back 0.81 and 0.87 %.

@@ -2,7 +2,8 @@
 //! per pair.
 //!
 //! Obstacles and contact act on the models that they name; other bodies pass through each other. The watch
-//! checks pairs without an effect between them: an obstacle and a body, or two bodies that no interface joins.
+//! checks pairs without an effect between them: an obstacle and a body, or two bodies that no interface
+//! joins.
 //!
 //! A look costs a pass over the displacements and velocities of the bodies. A scene without such pairs costs
 //! nothing.
