@@ -355,7 +355,7 @@ fn the_patch_test_of_contact_holds_within_a_per_cent() {
     }
 }
 
-/// The same bits for one and three threads, and after a restart within the contact.
+/// Contact gives the same bits for one and three threads, and after a restart within it.
 #[test]
 fn threads_and_restarts_keep_the_bits() {
     let law = ContactLaw {

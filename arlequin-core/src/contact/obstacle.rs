@@ -357,10 +357,7 @@ impl EffectSpec<f64> for SurfaceObstacle {
         contacts.own_forces = vec![0.0; layout.dofs()];
         let share = |n: usize| host.inertia[3 * n] / mass[3 * n];
         let points = &contacts.points;
-        contacts.weight = points
-            .iter()
-            .map(|p| p.place.nodes().map(|(n, w)| w * share(n)).sum())
-            .collect();
+        contacts.weight = points.iter().map(|p| p.place.mean(share)).collect();
         contacts.inverse_mass = points
             .iter()
             .map(|p| p.place.squared(|n| 1.0 / host.inertia[3 * n]))

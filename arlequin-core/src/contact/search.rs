@@ -75,7 +75,7 @@ impl Near {
         self.is_built = false;
     }
 
-    /// Longest way that nodes of both sides together made in the last step \[m\].
+    /// Sum over both sides of the largest displacement of a node in the last step \[m\].
     pub(super) fn way(&self, sides: &[Side; 2], instants: [&Instant<'_, f64>; 2]) -> f64 {
         let fastest = |s: usize| farthest(&sides[s].nodes, |n, _| three(instants[s].v_half, n));
         instants[0].dt * (fastest(0) + fastest(1))

@@ -424,7 +424,7 @@ mod tests {
     use super::*;
     use nalgebra::DMatrix;
 
-    /// Two hats of which each node has half and half cannot be told apart: the motion of both together is
+    /// Two hat functions with equal values at every node cannot be told apart. Their common motion is
     /// resolved all the same, and energy only leaves.
     #[test]
     fn functions_that_no_node_tells_apart_are_resolved_together() {

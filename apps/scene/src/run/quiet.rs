@@ -35,7 +35,7 @@ pub(super) struct Quiet {
 }
 
 impl Quiet {
-    /// Starts without a look at elements with these centres and utilisations in unit strains.
+    /// Creates the record of elements with these centres and utilisations in unit strains. No look was made yet.
     pub(super) fn new(
         field: &dyn Interpolation<f64>,
         centres: &[Point3<f64>],

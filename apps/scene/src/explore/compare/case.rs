@@ -115,9 +115,7 @@ impl Case {
 
     /// Weights of the scene.
     pub(super) fn weights(&self) -> Pair {
-        let coarse = self.interface.weights.clone();
-        let fine = Weights::complement_of(std::slice::from_ref(&coarse));
-        [coarse, fine]
+        with_complement(self.interface.weights.clone())
     }
 
     /// Weights that the scene would have with weights at nodes.
@@ -128,9 +126,9 @@ impl Case {
         }
         let built = setup::interfaces_of(&scene, &self.folder, &self.bodies)?;
         let coarse = built.into_iter().next().map(|b| b.weights);
-        let coarse = coarse.ok_or_else(|| key("interface", "is missing"))?;
-        let fine = Weights::complement_of(std::slice::from_ref(&coarse));
-        Ok([coarse, fine])
+        Ok(with_complement(
+            coarse.ok_or_else(|| key("interface", "is missing"))?,
+        ))
     }
 
     /// Overlap between two distances from the coarse border.
@@ -229,13 +227,17 @@ impl Case {
     pub(super) fn followers(&self, everywhere: bool, range: [f64; 2]) -> Vec<(usize, ShapeRow<f64>)> {
         let [coarse, fine] = self.sides().map(|s| &self.bodies[s]);
         let fine = if everywhere { &self.fine.body } else { fine };
-        let shapes = self.shapes(fine, coarse, range);
-        shapes.filter_map(|(k, row)| Some((k, row.ok()?))).collect()
+        self.covered(fine, coarse, range)
     }
 
     /// All particles of the fine model everywhere, with their shape functions of the coarse one.
     pub(super) fn all_followers(&self, coarse: &Everywhere) -> Vec<(usize, ShapeRow<f64>)> {
-        let shapes = self.shapes(&self.fine.body, &coarse.body, [f64::NEG_INFINITY, f64::INFINITY]);
+        self.covered(&self.fine.body, &coarse.body, [f64::NEG_INFINITY, f64::INFINITY])
+    }
+
+    /// Nodes of a model in a range of distances that lie in another one, with its shape functions there.
+    fn covered(&self, points: &Body, field: &Body, range: [f64; 2]) -> Vec<(usize, ShapeRow<f64>)> {
+        let shapes = self.shapes(points, field, range);
         shapes.filter_map(|(k, row)| Some((k, row.ok()?))).collect()
     }
 
@@ -325,6 +327,12 @@ impl Case {
     pub(super) fn frame(&self) -> (Point3<f64>, Vector3<f64>) {
         (self.origin, self.axis)
     }
+}
+
+/// Pairs the coarse weights with the fine ones that complete them to one.
+pub(super) fn with_complement(coarse: Weights<f64>) -> Pair {
+    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
+    [coarse, fine]
 }
 
 /// A scene without all that acts on its models, and with the default method.

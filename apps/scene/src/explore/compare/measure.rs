@@ -1,4 +1,4 @@
-//! What is measured of a coupling: waves across the overlap, uniform strain, a random state.
+//! Measurements of a coupling: waves across the overlap, uniform strain, a random state.
 
 use super::case::Case;
 use super::method::Coupling;

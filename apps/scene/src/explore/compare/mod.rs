@@ -56,7 +56,7 @@ pub struct Board {
     pub refused: Vec<(String, String)>,
 }
 
-/// What was measured of one method.
+/// Figures of one method.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
     /// Word of the method; `fine everywhere` for the reference.

@@ -1,7 +1,7 @@
 //! Edge to edge: models that meet in one layer of particles, each tied to the coarse field there.
 
 use crate::error::Result;
-use crate::explore::compare::case::Case;
+use crate::explore::compare::case::{Case, with_complement};
 use crate::explore::compare::reflections::{Pace, Reflections};
 use crate::explore::compare::tie::Tie;
 use crate::spec::Method;
@@ -15,9 +15,7 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
     let (middle, half) = (0.5 * case.width, 0.5 * case.spacing[1]);
     let slab = case.slab(middle - half, middle + half)?;
     let ramp = Ramp::new(Arc::new(slab), Profile::Linear, 0.0).map_err(crate::error::core("compare"))?;
-    let coarse = Weights::from_weight(Arc::new(ramp));
-    let fine = Weights::complement_of(std::slice::from_ref(&coarse));
-    let system = case.system(&[coarse, fine])?;
+    let system = case.system(&with_complement(Weights::from_weight(Arc::new(ramp))))?;
     let layer = case.followers(false, [middle - half, middle + half]);
     // Only particles that have weight can be tied.
     let split = case.places.split;
