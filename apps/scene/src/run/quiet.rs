@@ -35,7 +35,8 @@ pub(super) struct Quiet {
 }
 
 impl Quiet {
-    /// Creates the record of elements with these centres and utilisations in unit strains. No look was made yet.
+    /// Creates the record of elements with these centres and utilisations in unit strains. No look was made
+    /// yet.
     pub(super) fn new(
         field: &dyn Interpolation<f64>,
         centres: &[Point3<f64>],
