@@ -377,15 +377,8 @@ pub struct Drawn<T> {
 /// A model that bounds its critical step at the cost of about one evaluation of its forces. A run whose step
 /// is given in seconds, below this bound, is stable without a look at the spectrum.
 pub trait StepBound<T: Real> {
-    /// Lower bound of [`Model::critical_step`] \[s\] for weights as they are. Collective.
+    /// Lower bound of [`Model::critical_step`] \[s\]. Collective.
     fn step_bound(&self, inverse_inertia: &[T]) -> T;
-
-    /// Lower bound of [`Model::critical_step`] \[s\] for any weights that are the same for internal and
-    /// kinetic energy; `None` by default. A run in which nodes sleep takes it for the critical step,
-    /// because its weights will change.
-    fn step_bound_for_any_weights(&self) -> Option<T> {
-        None
-    }
 }
 
 /// A model that makes whole steps itself. This pays for a model so fast that passes over its unknowns count:

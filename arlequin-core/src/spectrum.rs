@@ -111,7 +111,27 @@ pub fn largest_ritz<T: Real>(
     owned: &Owned,
     add_forces: &mut AddForces<'_, T>,
 ) -> Result<T> {
-    let space = Space::Nodes(layout, owned);
+    let moving = (0..root.len()).filter(|&i| root[i] > T::zero());
+    let count = moving.clone().count();
+    // Where little moves, vectors hold that alone: their sums would cost more than the forces.
+    if 2 * count < root.len() && !owned.is_part() {
+        let moving: Vec<usize> = moving.collect();
+        let roots: Vec<T> = moving.iter().map(|&i| root[i]).collect();
+        let (mut q, mut f) = (vec![T::zero(); root.len()], vec![T::zero(); root.len()]);
+        return ritz_in(&Space::Plain(count), &roots, &mut |x, out| {
+            for (&i, x) in moving.iter().zip(x) {
+                (q[i], f[i]) = (*x, T::zero());
+            }
+            add_forces(&q, &mut f)?;
+            out.iter_mut().zip(&moving).for_each(|(out, &i)| *out += f[i]);
+            Ok(())
+        });
+    }
+    ritz_in(&Space::Nodes(layout, owned), root, add_forces)
+}
+
+/// Largest Ritz value plus its residual, as in [`largest_ritz`].
+fn ritz_in<T: Real>(space: &Space<'_>, root: &[T], add_forces: &mut AddForces<'_, T>) -> Result<T> {
     // The space is exhausted after as many steps as it has unknowns.
     let limit = LEAN.min(space.size());
     let (mut last, mut top) = (Vec::new(), T::zero());
@@ -119,7 +139,7 @@ pub fn largest_ritz<T: Real>(
         t.subtract_parts(w, &v, &last);
         last = v;
     };
-    lanczos((root, &space), limit, add_forces, orthogonal, &mut |t| {
+    lanczos((root, space), limit, add_forces, orthogonal, &mut |t| {
         let step = t.diagonal.len();
         // The next vector is round-off: the iteration has found an invariant space.
         let invariant = t.residual <= T::of(1e-14) * t.diagonal[step - 1].abs();

@@ -83,38 +83,6 @@ pub(crate) fn bound(body: &BondedParticles, owned: usize, inverse_inertia: &[f64
     2.0 * (1.0 + ROUNDED) * top.reduce(|| 0.0, f64::max)
 }
 
-/// Returns an upper bound of the largest eigenvalue of `M⁻¹K` \[1/s²\] for any weights `w_b` of the bonds:
-/// the largest eigenvalue of one bond between the shares of the particles' masses that it brings,
-///
-/// ```text
-/// K = Σ w_b K_b,   M = Σ w_b M_b,   M_b = m/n and I/n of both particles, each with n bonds
-/// xᵀKx = Σ w_b xᵀK_b x ≤ Σ w_b λ_b xᵀM_b x ≤ max λ_b · xᵀMx
-/// ```
-pub(crate) fn bound_for_any_weights(body: &BondedParticles) -> f64 {
-    let adjacency = body.adjacency();
-    let [mass, inertia] = body.full_inertia();
-    let of_bond = |b: usize| {
-        let ends = body.pairs()[b].map(|i| i as usize);
-        let share = |values: &[f64]| ends.map(|i| adjacency.row(i).len() as f64 / values[i]);
-        let ([u, v], [r, s]) = (share(&mass), share(&inertia));
-        let (length, k) = (1.0 / body.bond(b).axis.norm(), body.rigidity());
-        // Of a bond of weight one: its scale is its length times its grade.
-        let stiffness = body.whole_scale(b) / (length * length);
-        // Bending in one plane: `½ EI/l (a² + 3 b²)`, `a = θ_j − θ_i`, `b = θ_i + θ_j − 2 (v_j − v_i)/l`.
-        let bend = k.bending * stiffness;
-        let (turn, both) = (r + s, r + s + 4.0 * (u + v) / (length * length));
-        let (mean, half) = (bend * (turn + 3.0 * both) / 2.0, bend * (turn - 3.0 * both) / 2.0);
-        let bending = mean + half.hypot(bend * 3.0_f64.sqrt() * (s - r));
-        let straight = stiffness * (k.axial * (u + v)).max(k.torsion * (r + s));
-        bending.max(straight)
-    };
-    let top = (0..body.pairs().len())
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(of_bond);
-    (1.0 + ROUNDED) * top.reduce(|| 0.0, f64::max)
-}
-
 /// Upper bound of the largest eigenvalue of a symmetric matrix without negative eigenvalues, at most 12 %
 /// above it.
 fn top_of(a: &Matrix6<f64>) -> f64 {
@@ -156,7 +124,11 @@ pub(crate) fn largest(
     (root, layout, owned): (&[f64], DofLayout, &Owned),
     bonds: &mut dyn BondForces,
 ) -> arlequin_core::Result<f64> {
-    spectrum::largest_ritz(root, layout, owned, &mut |q, f| Ok(bonds.add(q, f, None)?))
+    // Particles that are held take no forces.
+    bonds.leave_out(&|i| root[3 * i] <= 0.0);
+    let top = spectrum::largest_ritz(root, layout, owned, &mut |q, f| Ok(bonds.add(q, f, None)?));
+    bonds.leave_out(&|_| false);
+    top
 }
 
 fn step_from_eigenvalue(lambda: f64) -> Result<f64> {

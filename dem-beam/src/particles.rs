@@ -335,17 +335,6 @@ impl BondedParticles {
         self.scales[bond]
     }
 
-    /// [`LinearBond::scale`] of bond `b` with a weight of one and its whole stiffness \[m\].
-    pub(crate) fn whole_scale(&self, bond: usize) -> f64 {
-        self.grades.get(bond).copied().unwrap_or(1.0) / self.bond(bond).axis.norm()
-    }
-
-    /// Masses \[kg\] and rotational inertias \[kg m²\] without weights.
-    pub(crate) fn full_inertia(&self) -> [Vec<f64>; 2] {
-        let inertia = sphere_inertia(&self.full_mass, &self.radii);
-        [self.full_mass.clone(), inertia]
-    }
-
     /// Returns the scale of bond `b` with the share `left` of its stiffness \[m\].
     pub(crate) fn softened(&self, bond: usize, left: f64) -> f64 {
         let grade = self.grades.get(bond).copied().unwrap_or(1.0);

@@ -301,45 +301,69 @@ fn changes_that_do_not_fit_the_run_are_refused_by_name() {
     );
 }
 
+/// New weights that need a shorter step: more own steps are made, also after a restart, and a number that was
+/// asked for is refused.
 #[test]
-fn a_step_that_new_weights_make_unstable_is_refused() {
+fn new_weights_that_need_a_shorter_step_get_more_own_steps() {
     let line = Moving {
         cells: 80,
         ..Moving::default()
     };
-    let bodies = |zone: [f64; 2]| {
-        let [coarse, fine] = Moving::weights(zone).unwrap();
-        let (bar, chain) = line.models().unwrap();
-        vec![
-            Subdomain::coarse(bar, coarse).with_sleep(),
-            Subdomain::fine(chain, fine).with_sleep(),
-        ]
-    };
     let ties = || Moving::interfaces(line.zone).unwrap();
-    let step = TimeStep::Seconds(0.9);
-    let mut run = Coupled::new(bodies(line.zone), ties(), step, None).unwrap();
-    let [coarse, fine] = Moving::weights(line.zone).unwrap();
-    run.rezone(
+    let build = |own: OwnStep<f64>| {
+        let [coarse, fine] = Moving::weights(line.zone).unwrap();
+        let (bar, chain) = line.models().unwrap();
+        let mut chain = Subdomain::fine(chain, fine).with_sleep().with_step(own);
+        let count = chain.state().v.len();
+        let velocities = (0..count).map(|k| 1e-3 * (k as f64).sin()).collect();
+        chain = chain.with_initial(vec![0.0; count], velocities).unwrap();
+        let bodies = vec![Subdomain::coarse(bar, coarse).with_sleep(), chain];
+        Coupled::new(bodies, ties(), TimeStep::Seconds(0.9), None).unwrap()
+    };
+    let same = || {
+        let [coarse, fine] = Moving::weights(line.zone).unwrap();
         Rezoning::new(ties())
             .with_weights(BAR, coarse)
-            .with_weights(CHAIN, fine),
-    )
-    .unwrap();
+            .with_weights(CHAIN, fine)
+    };
     // Masses that vanish faster than the stiffness.
-    let heavy = Moving::profiled(line.zone, &Profile::Quintic).unwrap();
-    let stiff = Moving::profiled(line.zone, &Profile::Linear).unwrap();
-    let [coarse, fine] = [0, 1].map(|k| Weights {
-        internal: stiff[k].internal.clone(),
-        ..heavy[k].clone()
-    });
-    let change = Rezoning::new(ties())
-        .with_weights(BAR, coarse)
-        .with_weights(CHAIN, fine);
-    let refused = run.rezone(change);
+    let light = || {
+        let heavy = Moving::profiled(line.zone, &Profile::Quintic).unwrap();
+        let stiff = Moving::profiled(line.zone, &Profile::Linear).unwrap();
+        let [coarse, fine] = [0, 1].map(|k| Weights {
+            internal: stiff[k].internal.clone(),
+            ..heavy[k].clone()
+        });
+        Rezoning::new(ties())
+            .with_weights(BAR, coarse)
+            .with_weights(CHAIN, fine)
+    };
+    let mut asked = build(OwnStep::Ratio(1));
+    asked.rezone(same()).unwrap();
+    let refused = asked.rezone(light());
     assert!(
         matches!(&refused, Err(Error::UnstableStep { model, .. }) if model == "chain"),
         "{refused:?}"
     );
+    let mut run = build(OwnStep::Same);
+    run.rezone(same()).unwrap();
+    assert_eq!(run.subdomains()[CHAIN].own_steps(), 1);
+    run.run(5, &mut Silent).unwrap();
+    run.rezone(light()).unwrap();
+    let steps = run.subdomains()[CHAIN].own_steps();
+    assert!(steps > 1, "{steps}");
+    let saved = run.snapshot().unwrap();
+    let before = run.energy();
+    run.run(2000, &mut Silent).unwrap();
+    let after = run.energy();
+    assert!((after / before - 1.0).abs() < 0.05, "{before} {after}");
+    // Another run takes the number of own steps from the snapshot.
+    let mut again = build(OwnStep::Same);
+    again.rezone(light()).unwrap();
+    again.restore(&saved).unwrap();
+    assert_eq!(again.subdomains()[CHAIN].own_steps(), steps);
+    again.run(2000, &mut Silent).unwrap();
+    assert_eq!(again.energy().to_bits(), after.to_bits());
 }
 
 /// The balance closes over changes of weights under a moving support, loads and damping, and with an implicit

@@ -112,12 +112,25 @@ impl<T: Real> Coupled<T> {
             return Err(crate::error::invalid("time step of the snapshot", from.dt, &rule));
         }
         let own_steps: Vec<usize> = self.subdomains.iter().map(Subdomain::own_steps).collect();
-        if from.own_steps != own_steps {
+        // Changes of the weights may have needed more own steps than this run makes.
+        let is_finer = |(saved, own): (&usize, &usize)| saved >= own;
+        let grown = from.rezoning.is_some()
+            && from.own_steps.len() == own_steps.len()
+            && from.own_steps.iter().zip(&own_steps).all(is_finer);
+        if from.own_steps != own_steps && !grown {
             let rule = format!("the run has {own_steps:?}; restore into the run that was saved");
             let saved = format_args!("{:?}", from.own_steps);
             return Err(crate::error::invalid("own steps of the snapshot", saved, &rule));
         }
         self.restore_rezoning(from.rezoning.as_ref())?;
+        for (k, steps) in from
+            .own_steps
+            .iter()
+            .enumerate()
+            .filter(|(k, n)| own_steps[*k] != **n)
+        {
+            self.subdomains[k].set_pace(self.dt, *steps)?;
+        }
         same(
             "subdomains of the snapshot",
             self.subdomains.len(),

@@ -76,6 +76,8 @@ pub struct Subdomain<T: Real> {
     partition: Partition,
     /// True if nodes without weight sleep; a model without sleep must have weight at all of its nodes.
     sleeps: bool,
+    /// The model with a weight of one, if nodes may sleep; set when the run is built.
+    unweighted: Option<prepare::Unweighted<T>>,
     supports: Vec<PrescribedMotion<T>>,
     /// Effects that are not attached yet.
     chosen: Vec<Box<dyn EffectSpec<T>>>,
@@ -137,6 +139,7 @@ impl<T: Real> Subdomain<T> {
             weights,
             partition: Partition::Checked,
             sleeps: false,
+            unweighted: None,
             supports: Vec::new(),
             chosen: Vec::new(),
             effects: Vec::new(),

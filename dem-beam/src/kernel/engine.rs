@@ -277,7 +277,7 @@ impl<W: Screened> Pass<'_, W> {
     /// Places in the blocks must be particle numbers.
     pub(crate) fn run<F: Finish>(&self, rows: &[CacheLine], part: Part<'_, F>, parallel: bool) {
         in_parts(part, parallel, &|part| {
-            if self.layout.is_asleep(part.first) {
+            if self.layout.is_left_out(part.first) {
                 part.skip();
             } else if part.blocks() > 0 {
                 self.isa.run(Gathering {

@@ -20,6 +20,8 @@ pub(crate) struct Layout {
     /// For each unit of parallel work: true if all of its particles sleep, that is, none of their bonds is
     /// awake.
     asleep: Vec<bool>,
+    /// Units of parallel work that are left out of forces for now.
+    left_out: Vec<bool>,
     /// Half-bonds.
     pub(crate) slots: Vec<Slot>,
     /// The other particle of each half-bond; the particle itself in empty lanes.
@@ -57,6 +59,7 @@ impl Layout {
             grid: body.grid(),
             start: vec![0],
             asleep: Vec::new(),
+            left_out: Vec::new(),
             slots: Vec::new(),
             neighbours: Vec::new(),
             rests: Vec::new(),
@@ -71,10 +74,7 @@ impl Layout {
         if body.has_sleep() {
             let bonds = body.adjacency();
             let sleeps = |i: usize| adjacency.row(i).is_empty() && !bonds.row(i).is_empty();
-            let units = (0..particles).step_by(CHUNK * LANES);
-            out.asleep = units
-                .map(|first| (first..particles.min(first + CHUNK * LANES)).all(sleeps))
-                .collect();
+            out.asleep = out.units_of(&sleeps);
         }
         // Twice the bonds, so that a particle gathers all its forces itself: nothing is scattered, no two
         // threads write to the same place, and sums have the same order for any number of threads. Allocates
@@ -89,6 +89,23 @@ impl Layout {
     /// Particles in the blocks.
     pub(crate) fn particles(&self) -> usize {
         self.particles
+    }
+
+    /// Returns for each unit of parallel work whether `holds` is true for all of its particles.
+    fn units_of(&self, holds: &dyn Fn(usize) -> bool) -> Vec<bool> {
+        let units = (0..self.particles).step_by(CHUNK * LANES);
+        let unit = |first: usize| (first..self.particles.min(first + CHUNK * LANES)).all(holds);
+        units.map(unit).collect()
+    }
+
+    /// Leaves units out of the forces in which `still` holds for all particles, until the next call.
+    pub(crate) fn leave_out(&mut self, still: &dyn Fn(usize) -> bool) {
+        self.left_out = self.units_of(still);
+    }
+
+    /// Returns whether the unit of parallel work that begins with `block` is left out of the forces.
+    pub(crate) fn is_left_out(&self, block: usize) -> bool {
+        self.is_asleep(block) || self.left_out.get(block / CHUNK).is_some_and(|out| *out)
     }
 
     /// Returns whether all particles of the unit of parallel work that begins with `block` sleep.

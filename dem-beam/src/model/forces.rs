@@ -127,6 +127,8 @@ pub(crate) trait BondForces: std::fmt::Debug + Send + Sync {
     /// Restores the state that [`Self::save`] returned. Returns `false` for another number of particles or
     /// for quaternions that are not of unit length.
     fn restore(&mut self, from: &[f64]) -> bool;
+    /// Leaves units of work out of the forces in which `still` holds for all particles, until the next call.
+    fn leave_out(&mut self, still: &dyn Fn(usize) -> bool);
     /// Computes the forces of `blocks` again at the positions reached last, and overwrites them in `f`.
     fn recompute(&self, blocks: &[usize], f: &mut [f64]);
     /// Rebuilds `blocks` without their broken bonds; `whole` returns whether a bond is unbroken.
@@ -422,6 +424,10 @@ impl<W: Screened + std::fmt::Debug + 'static> BondForces for Gather<W> {
         } else {
             self.strides(step)
         }
+    }
+
+    fn leave_out(&mut self, still: &dyn Fn(usize) -> bool) {
+        self.layout.leave_out(still);
     }
 
     fn orientations(&self) -> Option<Orientations<'_>> {

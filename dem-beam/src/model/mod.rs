@@ -460,10 +460,6 @@ impl StepBound<f64> for DemModel {
         let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
         spectrum::step_of(self.owned().largest(top))
     }
-
-    fn step_bound_for_any_weights(&self) -> Option<f64> {
-        Some(spectrum::step_of(critical::bound_for_any_weights(&self.body)))
-    }
 }
 
 impl Stepping<f64> for DemModel {

@@ -18,7 +18,8 @@
 //! ```
 //!
 //! These energies are unweighted. The ledger counts `Σ_b α_b e_b`, with the mean `α_b` of the weight over the
-//! bond. Both are equal where no weight is below one.
+//! bond. Both are equal where no weight is below one. Bonds that sleep carry nothing: the places of their
+//! particles are those of another time.
 
 use super::DemModel;
 use super::poses::Reader;
@@ -53,6 +54,11 @@ impl Carried {
 }
 
 impl DemModel {
+    /// Returns whether bond `b` is broken or sleeps.
+    fn is_idle(&self, broken: &BreakLog, b: usize) -> bool {
+        broken.is_broken_here(b) || self.body.is_asleep(b)
+    }
+
     /// Returns what bond `b` carries. Vectors between centres are deformed ones under finite rotations, those
     /// at rest under small ones.
     fn carried(&self, b: usize, reader: &Reader<'_>) -> Carried {
@@ -138,7 +144,7 @@ impl Recovery<f64> for DemModel {
         let recovered = |&i: &usize| {
             let mut sum = [0.0; 6];
             let bonds = adjacency.row(i).iter();
-            for &[j, b] in bonds.filter(|e| !broken.is_broken_here(e[1] as usize)) {
+            for &[j, b] in bonds.filter(|e| !self.is_idle(broken, e[1] as usize)) {
                 let carried = self.carried(b as usize, &reader);
                 // Seen from the second particle, span and force both change sign, so their product holds for
                 // either end.
@@ -171,7 +177,7 @@ impl Links<f64> for DemModel {
         let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
         let utilisation = |f: &FractureState, b: usize| {
-            if broken.is_broken_here(b) {
+            if self.is_idle(broken, b) {
                 return 0.0;
             }
             match pairs[b].map(|i| loads.get(i as usize).copied()) {
@@ -180,7 +186,7 @@ impl Links<f64> for DemModel {
                 _ => f.ratio(&self.body, &reader, b),
             }
         };
-        let carried = |b: usize| match broken.is_broken_here(b) {
+        let carried = |b: usize| match self.is_idle(broken, b) {
             true => Carried::NOTHING,
             false => self.carried(b, &reader),
         };

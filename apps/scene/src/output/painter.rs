@@ -146,7 +146,7 @@ impl Painter {
         let mut bonds = fields::bonds(fields, s, survey, self.grid.cells(), piece)?;
         if s.has_sleep() {
             let [nodes, elements] = self.asleep(s);
-            silence(&mut loads, &nodes);
+            silence(&mut loads, &self.stale(&nodes));
             silence(&mut bonds, &elements);
             points.push(Array::scalar(ASLEEP, nodes));
             cells.push(Array::scalar(ASLEEP, elements));
@@ -177,6 +177,19 @@ impl Painter {
                 .map(|c| flag(c.iter().any(|k| s.is_asleep(*k as usize))))
                 .collect(),
         ]
+    }
+
+    /// 1 for each node whose stress has a part that sleeps: nodes that sleep, and those of the cells of a mesh
+    /// around them. Spheres have that of their bonds that are awake.
+    fn stale(&self, asleep: &[f64]) -> Vec<f64> {
+        let mut out = asleep.to_vec();
+        if self.grid.radii.is_empty() {
+            let cells = self.grid.connectivity.chunks_exact(self.grid.corners);
+            for cell in cells.filter(|c| c.iter().any(|k| asleep[*k as usize] > 0.0)) {
+                cell.iter().for_each(|k| out[*k as usize] = 1.0);
+            }
+        }
+        out
     }
 
     /// Mean damage of the bonds of every particle (of a part: of the owned ones), and the damage of each

@@ -4,7 +4,7 @@ use super::body::RigidBodies;
 use super::body::{Body, bar_speeds, material};
 use super::interface::BuiltInterface;
 use super::kinds::kind;
-use super::names::{SOLID, effect_models, headline, model_index, model_indices, parts, with_parts};
+use super::names::{SOLID, effect_models, headline, loaded_parts, model_index, model_indices, with_parts};
 use super::obstacle;
 use super::time::time_function;
 use super::{fracture, grains, load, shared, support};
@@ -53,7 +53,7 @@ impl Attachments {
             let path = format!("load[{k}]");
             let m = model_index(&format!("{path}.model"), &l.model, scene)?;
             let name = load::name(k, l);
-            if parts(scene, m).len() == 1 {
+            if loaded_parts(scene, m).len() == 1 {
                 out.add(m, Box::new(load::on_body(&path, &name, l, &bodies[m])?));
                 continue;
             }

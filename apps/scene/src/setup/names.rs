@@ -2,6 +2,7 @@
 
 use super::kind::Feature;
 use super::kinds::kind;
+use super::lower::following;
 use crate::error::{Result, key, unknown, value};
 use crate::setup::{LoweredInterface, LoweredModel, LoweredScene};
 use crate::spec::{Bearer, Effect, EffectKind, RoleKind};
@@ -15,6 +16,15 @@ pub(super) fn parts(scene: &LoweredScene, m: usize) -> Vec<usize> {
     let whole = scene.body.is_some() && place(&BODY.to_owned()) == Some(m);
     let zones = scene.zone.keys().filter(|_| whole).filter_map(place);
     std::iter::once(m).chain(zones).collect()
+}
+
+/// Numbers of the models that carry a load on model `m`. A zone that moves stays off loads, so that the body's
+/// elements carry them alone.
+pub(super) fn loaded_parts(scene: &LoweredScene, m: usize) -> Vec<usize> {
+    match following(scene) {
+        Some(_) => vec![m],
+        None => parts(scene, m),
+    }
 }
 
 /// Expands the body in a list of models to the body and its zones, except zones that `elsewhere` lists by

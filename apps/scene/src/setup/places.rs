@@ -52,7 +52,7 @@ pub(super) fn check_meshes(scene: &LoweredScene, bodies: &[Option<Body>], folder
         let Some((m, body)) = built(&path, &l.model)? else {
             continue;
         };
-        match names::parts(scene, m).len() {
+        match names::loaded_parts(scene, m).len() {
             1 => load::on_body(&path, &load::name(k, l), l, body).map(|_| ())?,
             _ => shared::surface(k, scene, body, folder).map(|_| ())?,
         }

@@ -54,7 +54,7 @@ pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Che
     acting(scene)?;
     watched(scene)?;
     statics::check_held(scene)?;
-    zone::check_supports(scene, folder)?;
+    zone::check_anchors(scene, folder)?;
     places::check_fillings(scene, folder)?;
     Ok(Checked { effects, interfaces })
 }

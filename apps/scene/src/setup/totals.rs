@@ -6,7 +6,7 @@
 //! model.
 
 use super::body::Body;
-use super::names::{model_index, parts};
+use super::names::{loaded_parts, model_index};
 use super::{load, select};
 use crate::error::{Result, core};
 use crate::setup::LoweredScene;
@@ -35,7 +35,7 @@ pub(super) fn collect(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Total
     for (k, l) in scene.load.iter().enumerate() {
         let path = format!("load[{k}]");
         let model = model_index(&format!("{path}.model"), &l.model, scene)?;
-        if parts(scene, model).len() > 1 {
+        if loaded_parts(scene, model).len() > 1 {
             continue;
         }
         let body = &bodies[model];

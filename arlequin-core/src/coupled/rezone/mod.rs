@@ -173,6 +173,7 @@ impl<T: Real> Coupled<T> {
     /// change hands carry the displacements and velocities of the model that gives them; momenta are kept.
     /// The work of the change is the line "rezoning" of [`Coupled::works`], with four parts.
     ///
+    /// A model makes more own steps from then on if the present ones are too long for its new weights.
     /// Nodes whose weight becomes zero sleep; their models must allow it ([`Subdomain::with_sleep`]). Between
     /// two changes a run computes what it computes without them.
     ///
@@ -193,8 +194,8 @@ impl<T: Real> Coupled<T> {
     /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models,
     /// and a node that would wake without a giver.
     /// [`Error::InvalidParameter`] for interfaces or effects that are not those of the run. Errors of the
-    /// set-up for weights and interfaces; [`Error::UnstableStep`] if the run's step is too long for the new
-    /// weights. The run is unusable after an error of the set-up.
+    /// set-up for weights and interfaces; [`Error::UnstableStep`] if the new weights need more own steps than a
+    /// model was asked to make ([`OwnStep::Ratio`]). The run is unusable after an error of the set-up.
     pub fn rezone(&mut self, change: Rezoning<T>) -> Result<Rezoned<T>> {
         self.check_rezoning(&change)?;
         let Rezoning {
@@ -401,7 +402,8 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Refuses a step that is too long for the new weights.
+    /// Makes more own steps where the present ones are too long for the new weights; refuses them if their
+    /// number was asked for.
     fn check_steps(&mut self, givers: &[Giver<T>]) -> Result<()> {
         if !self.is_checked {
             return Ok(());
@@ -417,16 +419,21 @@ impl<T: Real> Coupled<T> {
             let (critical, bounded) = s.critical_step(&pairs::demands(&self.pairs, k), Some(dt))?;
             (self.critical[k], self.bounded[k]) = (critical, bounded);
             // Own steps are quotients: an excess in their last digits is round-off.
-            if dt > critical * (T::one() + T::epsilon() * T::of(8.0)) {
+            if dt <= critical * (T::one() + T::epsilon() * T::of(8.0)) {
+                continue;
+            }
+            let needed = (self.dt / critical).as_f64().ceil() as usize;
+            if let OwnStep::Ratio(_) = s.step_choice() {
                 return Err(Error::UnstableStep {
                     dt: dt.as_f64(),
                     critical: critical.as_f64(),
                     model: s.model().name().to_owned(),
                     steps,
                     longest: (critical * T::of(steps as f64)).as_f64(),
-                    needed: (self.dt / critical).as_f64().ceil() as usize,
+                    needed,
                 });
             }
+            s.set_pace(self.dt, needed)?;
         }
         Ok(())
     }

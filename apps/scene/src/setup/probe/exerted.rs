@@ -4,7 +4,7 @@
 use super::rules::axis;
 use crate::error::{Result, core, key, unknown, value};
 use crate::setup::body::Body;
-use crate::setup::names::{contact_sides, effect_models, model_index, parts};
+use crate::setup::names::{contact_sides, effect_models, loaded_parts, model_index, parts};
 use crate::setup::{LoweredScene, load, obstacle_parts, select};
 use crate::spec::{EffectKind, Probe, Quantity, Selection};
 use arlequin::core::nalgebra::Point3;
@@ -115,7 +115,7 @@ fn bearers<'a>(path: &str, name: &str, scene: &'a LoweredScene) -> Result<Bearer
     for (k, l) in scene.load.iter().enumerate() {
         if load::name(k, l) == name {
             let m = model_index(&format!("load[{k}].model"), &l.model, scene)?;
-            for m in parts(scene, m) {
+            for m in loaded_parts(scene, m) {
                 out.models.push(m);
                 out.parts.push((m, &l.at));
             }

@@ -1,21 +1,55 @@
-//! Supports near a zone that moves.
+//! Supports and loads near a zone that moves.
 //!
 //! A support of the body also holds the spheres that touch its face, at the displacement of the face. They
 //! lie up to a radius inside the body, where the body's own field is already another one. Tied to this
-//! field, the rows of spheres beside them would be bent. A zone that moves therefore stays off supports: at
-//! least one element of the body remains between its overlap and any node that is held.
+//! field, the rows of spheres beside them would be bent. A load acts on the body's elements alone, so that
+//! it need not be shared anew in each change. A zone that moves therefore stays off both: at least one
+//! element of the body remains between its overlap and any node that is held or loaded.
 
 use super::Piece;
 use crate::error::{Result, key};
 use crate::setup::lower::following;
 use crate::setup::names::BODY;
 use crate::setup::{LoweredScene, OverlapSource, select};
-use crate::spec::{Selection, Support};
+use crate::spec::Selection;
 use arlequin::fem_ref::Mesh;
 use std::path::Path;
 
-/// Refuses supports that the zone of a scene cannot have if it moves, and a zone that begins at one.
-pub(in crate::setup) fn check_supports(scene: &LoweredScene, folder: &Path) -> Result<()> {
+/// A support or a load of the body.
+struct Anchor<'a> {
+    /// Key of its table.
+    path: String,
+    /// True for a load, which acts on facets.
+    is_load: bool,
+    /// Its name in messages.
+    label: String,
+    model: &'a str,
+    place: &'a Selection,
+}
+
+/// Supports of a scene, then its loads.
+fn anchors(scene: &LoweredScene) -> Vec<Anchor<'_>> {
+    let anchor = |is_load, k: usize, name: &Option<String>, model, place| {
+        let kind = if is_load { "load" } else { "support" };
+        let path = format!("{kind}[{k}]");
+        let label = name.as_ref().map(|name| format!("{kind} '{name}'"));
+        Anchor {
+            label: label.unwrap_or_else(|| path.clone()),
+            path,
+            is_load,
+            model,
+            place,
+        }
+    };
+    let (supports, loads) = (scene.support.iter().enumerate(), scene.load.iter().enumerate());
+    let supports = supports.map(|(k, s)| anchor(false, k, &s.name, &s.model, &s.at));
+    let loads = loads.map(|(k, l)| anchor(true, k, &l.name, &l.model, &l.at));
+    supports.chain(loads).collect()
+}
+
+/// Refuses supports and loads that the zone of a scene cannot have if it moves, and a zone that begins at
+/// one.
+pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Result<()> {
     let Some((name, ..)) = following(scene) else {
         return Ok(());
     };
@@ -23,18 +57,19 @@ pub(in crate::setup) fn check_supports(scene: &LoweredScene, folder: &Path) -> R
         return Ok(());
     };
     let mesh = piece.whole(folder)?;
-    for (k, s) in scene.support.iter().enumerate() {
-        let path = format!("support[{k}]");
-        if s.model == name {
-            let rule = format!("zone '{name}' moves, and a support cannot; let it hold model = \"{BODY}\"");
-            return Err(key(format!("{path}.model"), rule));
-        }
-        if s.model == BODY && held_nodes(mesh, k, s).is_empty() {
+    for a in anchors(scene) {
+        if a.model == name {
             let rule = format!(
-                "{} holds no node of the body's elements, which zone '{name}' needs while its spheres sleep; enlarge it",
-                s.at
+                "zone '{name}' moves, and neither a support nor a load can; take model = \"{BODY}\" for it"
             );
-            return Err(key(format!("{path}.where"), rule));
+            return Err(key(format!("{}.model", a.path), rule));
+        }
+        if a.model == BODY && a.nodes(mesh).is_empty() {
+            let rule = format!(
+                "{} has no node of the body's elements, which zone '{name}' needs while its spheres sleep; enlarge it",
+                a.place
+            );
+            return Err(key(format!("{}.where", a.path), rule));
         }
     }
     let barred = piece.barred(scene, folder)?;
@@ -43,8 +78,8 @@ pub(in crate::setup) fn check_supports(scene: &LoweredScene, folder: &Path) -> R
         None => Ok(()),
         Some(k) => {
             let rule = format!(
-                "the zone begins so near to {} that its overlap reaches what this holds, where spheres at a face and the body's \
-                 field at their depth differ; take a smaller shape, a narrower overlap, or a larger body",
+                "the zone begins so near to {} that its overlap reaches the nodes of this; take a smaller shape, a narrower overlap, \
+                 or a larger body",
                 label(scene, k)
             );
             Err(key(format!("zone.{name}.follow"), rule))
@@ -52,40 +87,42 @@ pub(in crate::setup) fn check_supports(scene: &LoweredScene, folder: &Path) -> R
     }
 }
 
-/// Name of a support in messages.
+/// Name of a support or load in messages, by its number among [`anchors`].
 pub(super) fn label(scene: &LoweredScene, k: usize) -> String {
-    match &scene.support[k].name {
-        Some(name) => format!("support '{name}'"),
-        None => format!("support[{k}]"),
-    }
+    anchors(scene).swap_remove(k).label
 }
 
-/// Nodes of the body's elements that support `k` holds.
-fn held_nodes(mesh: &Mesh<f64>, k: usize, s: &Support) -> Vec<usize> {
-    let group = |name: &str| {
-        let group = mesh.groups().get(name);
-        group.map_or_else(Vec::new, |g| g.nodes.iter().map(|k| *k as usize).collect())
-    };
-    match &s.at {
-        Selection::Group(name) => group(name),
-        Selection::Box(low, high) => {
-            let slack = select::slack(mesh.spacing());
-            let nodes = mesh.nodes().iter().enumerate();
-            let inside = nodes.filter(|(_, x)| select::inside(low, high, x, slack));
-            let mut out: Vec<usize> = inside.map(|(k, _)| k).collect();
-            out.extend(group(&format!("support[{k}]")));
-            out
+impl Anchor<'_> {
+    /// Nodes of the body's elements that it holds or loads.
+    fn nodes(&self, mesh: &Mesh<f64>) -> Vec<usize> {
+        let group = |name: &str| {
+            let group = mesh.groups().get(name);
+            group.map_or_else(Vec::new, |g| g.nodes.iter().map(|k| *k as usize).collect())
+        };
+        match self.place {
+            Selection::Group(name) => group(name),
+            // The facets in the box are a group of their own.
+            Selection::Box(..) if self.is_load => group(&self.path),
+            Selection::Box(low, high) => {
+                let slack = select::slack(mesh.spacing());
+                let nodes = mesh.nodes().iter().enumerate();
+                let inside = nodes.filter(|(_, x)| select::inside(low, high, x, slack));
+                let mut out: Vec<usize> = inside.map(|(k, _)| k).collect();
+                out.extend(group(&self.path));
+                out
+            }
         }
     }
 }
 
 impl Piece {
-    /// For each element of the body: the support for which the zone must leave it to the body.
+    /// For each element of the body: the number among [`anchors`] of the support or load for which the zone
+    /// must leave it to the body.
     pub(super) fn barred(&self, scene: &LoweredScene, folder: &Path) -> Result<Vec<Option<usize>>> {
         let mesh = self.whole(folder)?;
         let mut of_nodes = vec![None; mesh.nodes().len()];
-        for (k, s) in scene.support.iter().enumerate().filter(|(_, s)| s.model == BODY) {
-            for node in held_nodes(mesh, k, s) {
+        for (k, a) in anchors(scene).iter().enumerate().filter(|(_, a)| a.model == BODY) {
+            for node in a.nodes(mesh) {
                 of_nodes[node] = of_nodes[node].or(Some(k));
             }
         }
@@ -93,7 +130,7 @@ impl Piece {
         // A width of whole elements up to round-off needs no further element.
         let layers = (width / mesh.spacing() - 1e-6).ceil().max(0.0) as usize;
         let mut out = vec![None; mesh.element_count()];
-        // Elements that hold a node of the support, then as many layers around them as the overlap has.
+        // Elements with a node that is held or loaded, then as many layers around them as the overlap has.
         for _ in 0..=layers {
             for (e, barred) in out.iter_mut().enumerate().filter(|(_, b)| b.is_none()) {
                 *barred = mesh.element(e).iter().find_map(|k| of_nodes[*k as usize]);

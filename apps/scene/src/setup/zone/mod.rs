@@ -15,7 +15,7 @@ mod region;
 mod response;
 
 pub use super::packing::Likeness;
-pub(super) use held::check_supports;
+pub(super) use held::check_anchors;
 pub(super) use likeness::{Supports, Twin};
 pub(super) use moving::check;
 pub use moving::{Moving, Share};

@@ -16,8 +16,9 @@ use crate::setup::names::BODY;
 use crate::setup::partners::Partners;
 use crate::setup::support;
 use crate::setup::weights::model_weights;
-use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive};
+use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive, load};
 use crate::spec::{CriterionKind, EffectKind, FollowTable};
+use arlequin::core::effect::Load;
 use arlequin::core::geometry::{BoxTree, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Changed, Response, Rezoning};
@@ -51,6 +52,8 @@ pub struct Moving {
     partners: Partners,
     scene: LoweredScene,
     folder: PathBuf,
+    /// Loads on the body's elements.
+    loads: Arc<Vec<Load<f64>>>,
     /// Responses of the spheres to strains of the body.
     pub(crate) responses: Arc<Vec<Response<f64>>>,
 }
@@ -76,9 +79,6 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     }
     if scene.zone.len() > 1 {
         return refuse("a zone that moves must be the only one; make one zone of all, or remove follow");
-    }
-    if !scene.load.is_empty() {
-        return refuse("a load would have to move with the zone; move a support instead, or remove follow");
     }
     if scene.statics.is_some() || scene.wake.is_some() {
         return refuse("has no meaning with [static] or [wake]; remove one of them");
@@ -150,7 +150,12 @@ impl Moving {
         let of_spheres = motions.iter().filter(|(m, _)| *m == fine);
         let held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
         let responses = response::responses(&mut *bodies[fine].model, rate, &held)?;
+        let on_body = scene.load.iter().enumerate().filter(|(_, l)| l.model == BODY);
+        let loads =
+            on_body.map(|(k, l)| load::on_body(&format!("load[{k}]"), &load::name(k, l), l, &bodies[coarse]));
+        let loads = loads.collect::<Result<_>>()?;
         Ok(Some(Self {
+            loads: Arc::new(loads),
             responses: Arc::new(responses),
             name: name.to_owned(),
             limits,
@@ -320,6 +325,11 @@ impl Moving {
         }
         for (m, w) in weights {
             change = change.with_weights(m, w);
+            if m == self.models()[0] {
+                for load in &*self.loads {
+                    change = change.with_effect(m, Box::new(load.clone()));
+                }
+            }
             let [first, last] = drive::simple_effects(&self.scene, m)?;
             for effect in first {
                 change = change.with_effect(m, effect);
