@@ -118,8 +118,8 @@ pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
 pub use mediator::Mediator;
 pub use model::{
-    Boundary, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, LinearModel, Model,
-    State, StepBound, Stepping, Stride, Views, Watching, check_size,
+    Boundary, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, Facts, FineModel, KeptMeans,
+    LinearModel, Model, State, StepBound, Stepping, Stride, Views, Watching, check_size,
 };
 pub use momentum::{Arms, BodyMomentum, Claim};
 pub use nodal::NodallyWeighted;

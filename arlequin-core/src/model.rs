@@ -166,15 +166,6 @@ pub trait Model<T: Real>: Send {
         self.set_internal_weight(alpha)
     }
 
-    /// Does the work of [`Model::lumped_inertia`] for the weight `alpha` that the internal energy has now. A
-    /// model that has kept the means of this weight need not find them again.
-    ///
-    /// # Errors
-    /// Errors of [`Model::lumped_inertia`].
-    fn inertia_by_internal_weight(&self, alpha: &dyn Weight<T>, out: &mut [T]) -> Result<()> {
-        self.lumped_inertia(alpha, out)
-    }
-
     /// Adds the weighted internal forces `−F_int,α(q)` \[N, N m\] to `f`. Torques are conjugate to spins
     /// about fixed axes. Must not allocate.
     ///
@@ -264,11 +255,6 @@ pub trait Model<T: Real>: Send {
         Owned::whole(self.layout().nodes)
     }
 
-    /// Figures of the effects in the model, for reports: names (with units) and values.
-    fn facts(&self) -> Vec<(String, f64)> {
-        Vec::new()
-    }
-
     /// Returns what the model must remember to resume with the same bits: broken bonds, orientations. Empty
     /// for most models.
     fn save(&self) -> Record<T> {
@@ -313,6 +299,10 @@ pub struct Views<'a, T: Real> {
     pub step_bound: Option<&'a dyn StepBound<T>>,
     /// Parts that break, with their loads.
     pub breakable: Option<&'a dyn Breakable<T>>,
+    /// Figures of the effects in the model.
+    pub facts: Option<&'a dyn Facts>,
+    /// Means of the internal weight over the cells.
+    pub means: Option<&'a dyn KeptMeans<T>>,
 }
 
 impl<T: Real> Default for Views<'_, T> {
@@ -329,6 +319,8 @@ impl<T: Real> Default for Views<'_, T> {
             watching: None,
             step_bound: None,
             breakable: None,
+            facts: None,
+            means: None,
         }
     }
 }
@@ -372,6 +364,23 @@ pub struct Drawn<T> {
     pub internal: T,
     /// Kinetic part of the discrete invariant, `½ v₊ᵀMv₊ + ¼ (q_{n+1} − q_n)·(f_{n+1} − f_n)`.
     pub moving: T,
+}
+
+/// A model with figures of its own effects.
+pub trait Facts {
+    /// Figures of the effects in the model, for reports: names (with units) and values.
+    fn facts(&self) -> Vec<(String, f64)>;
+}
+
+/// A model that keeps the means of the internal weight over its cells, and need not find them again for an
+/// inertia with the same weight.
+pub trait KeptMeans<T: Real> {
+    /// Does the work of [`Model::lumped_inertia`] for the weight that the internal energy has now, which the
+    /// caller passes as `alpha`.
+    ///
+    /// # Errors
+    /// Errors of [`Model::lumped_inertia`].
+    fn inertia_by_internal_weight(&self, alpha: &dyn Weight<T>, out: &mut [T]) -> Result<()>;
 }
 
 /// A model that bounds its critical step at the cost of about one evaluation of its forces. A run whose step

@@ -91,6 +91,8 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
         Views {
             linear: None,
             step_bound: None,
+            // The wrapped model keeps a weight of one.
+            means: None,
             ..self.model.views()
         }
     }
@@ -145,9 +147,6 @@ impl<T: Real> Model<T> for NodallyWeighted<T> {
 
     fn owned(&self) -> Owned {
         self.model.owned()
-    }
-    fn facts(&self) -> Vec<(String, f64)> {
-        self.model.facts()
     }
     fn save(&self) -> Record<T> {
         self.model.save()

@@ -16,8 +16,8 @@ use arlequin_core::blocks::BlockMatrix;
 use arlequin_core::geometry::inner_bounds;
 use arlequin_core::ranks::Communicator;
 use arlequin_core::{
-    Boundary, Changed, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, LinearModel, Materials,
-    Model, Owned, Patches, Real, StepBound, Views, Weight, advice, check_size, spectrum,
+    Boundary, Changed, CoarseModel, DofLayout, Elastic, FineModel, Interpolation, KeptMeans, LinearModel,
+    Materials, Model, Owned, Patches, Real, StepBound, Views, Weight, advice, check_size, spectrum,
 };
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -247,10 +247,6 @@ impl<T: Real> Model<T> for FemModel<T> {
         self.lump(&self.element_means(weight), out)
     }
 
-    fn inertia_by_internal_weight(&self, _: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
-        self.lump(&self.means, out)
-    }
-
     fn set_internal_weight(&mut self, alpha: &dyn Weight<T>) -> arlequin_core::Result<()> {
         self.assemble(self.element_means(alpha))
     }
@@ -331,10 +327,17 @@ impl<T: Real> Model<T> for FemModel<T> {
         views.recovery = Some(self);
         views.linear = is_whole.then_some(self as _);
         views.step_bound = is_whole.then_some(self as _);
+        views.means = Some(self);
         let is_solid = self.mesh().kind() != ElementKind::Bar2;
         views.gradients = (is_whole && is_solid).then_some(self as _);
         views.surface = (is_whole && is_solid).then_some(self as _);
         views
+    }
+}
+
+impl<T: Real> KeptMeans<T> for FemModel<T> {
+    fn inertia_by_internal_weight(&self, _: &dyn Weight<T>, out: &mut [T]) -> arlequin_core::Result<()> {
+        self.lump(&self.means, out)
     }
 }
 

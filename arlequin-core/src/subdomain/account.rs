@@ -3,7 +3,7 @@
 use super::{Stepper, Subdomain};
 use crate::effect::EffectLine;
 use crate::phase::Phase;
-use crate::{Exact, Real, parallel};
+use crate::{Exact, Facts, Real, parallel};
 use nalgebra::Vector3;
 use std::ops::Range;
 
@@ -259,7 +259,9 @@ impl<T: Real> Subdomain<T> {
                 pending: T::zero(),
                 stored: T::zero(),
                 supplied: taken.map(|_| T::zero()),
-                facts: taken.map_or_else(Vec::new, |_| self.model().facts()),
+                facts: taken
+                    .and_then(|_| self.model().views().facts)
+                    .map_or_else(Vec::new, Facts::facts),
             }
         });
         let added = self.effects.iter().enumerate();

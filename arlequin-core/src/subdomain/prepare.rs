@@ -54,9 +54,9 @@ impl<T: Real> Subdomain<T> {
     /// Computes the weighted inertia.
     pub(super) fn lump(&mut self) -> Result<()> {
         let (model, kinetic) = (&self.model, &*self.weights.kinetic);
-        match self.weights.are_one() {
-            true => model.inertia_by_internal_weight(kinetic, &mut self.inertia),
-            false => model.lumped_inertia(kinetic, &mut self.inertia),
+        match model.views().means.filter(|_| self.weights.are_one()) {
+            Some(means) => means.inertia_by_internal_weight(kinetic, &mut self.inertia),
+            None => model.lumped_inertia(kinetic, &mut self.inertia),
         }
     }
 

@@ -49,9 +49,9 @@ use arlequin_core::ranks::{Communicator, Halo};
 use arlequin_core::snapshot::Record;
 use arlequin_core::sprs::CsMat;
 use arlequin_core::{
-    Arms, Breakable, Changed, CoarseModel, DofLayout, Drawn, Evolution, Evolving, FineModel, Interpolation,
-    LinearModel, Model, Owned, ParticleField, State, StepBound, Stepping, Stride, Views, Watching, Weight,
-    check_size, spectrum,
+    Arms, Breakable, Changed, CoarseModel, DofLayout, Drawn, Evolution, Evolving, Facts, FineModel,
+    Interpolation, KeptMeans, LinearModel, Model, Owned, ParticleField, State, StepBound, Stepping, Stride,
+    Views, Watching, Weight, check_size, spectrum,
 };
 use forces::Gather;
 use lazy::Kernel;
@@ -338,14 +338,6 @@ impl Model<f64> for DemModel {
         self.lump((weight, &self.bond_means(weight, None)?), out)
     }
 
-    fn inertia_by_internal_weight(
-        &self,
-        alpha: &dyn Weight<f64>,
-        out: &mut [f64],
-    ) -> arlequin_core::Result<()> {
-        self.lump((alpha, self.body.weights()), out)
-    }
-
     /// Also resets the orientations to those at rest.
     fn set_internal_weight(&mut self, alpha: &dyn Weight<f64>) -> arlequin_core::Result<()> {
         self.weigh(&self.bond_means(alpha, None)?)
@@ -432,10 +424,6 @@ impl Model<f64> for DemModel {
         self.recall(from.clone())
     }
 
-    fn facts(&self) -> Vec<(String, f64)> {
-        self.fracture_facts()
-    }
-
     fn views(&self) -> Views<'_, f64> {
         let turns = self.has_finite_rotations();
         // The active effects are a range of this list, because either end may be left out.
@@ -449,9 +437,27 @@ impl Model<f64> for DemModel {
         views.links = Some(self);
         views.watching = Some(self);
         views.step_bound = Some(self);
+        views.facts = Some(self);
+        views.means = Some(self);
         let strengths_of_bonds = self.fracture.as_ref().is_some_and(|f| f.particles.is_none());
         views.breakable = strengths_of_bonds.then_some(self as _);
         views
+    }
+}
+
+impl Facts for DemModel {
+    fn facts(&self) -> Vec<(String, f64)> {
+        self.fracture_facts()
+    }
+}
+
+impl KeptMeans<f64> for DemModel {
+    fn inertia_by_internal_weight(
+        &self,
+        alpha: &dyn Weight<f64>,
+        out: &mut [f64],
+    ) -> arlequin_core::Result<()> {
+        self.lump((alpha, self.body.weights()), out)
     }
 }
 
