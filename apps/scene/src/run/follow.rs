@@ -28,9 +28,9 @@ use std::time::Instant;
 /// Utilisation above which a bond needs elements of the zone around it.
 const HOT: f64 = 0.8;
 /// Elements beyond the margin that join in a change that is due.
-const AHEAD: usize = 4;
+const AHEAD: usize = 3;
 /// Share of `wake` above which elements join in a change that is due.
-const SOON: f64 = 0.8;
+const SOON: f64 = 0.9;
 
 /// State of a zone that follows, for checkpoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
