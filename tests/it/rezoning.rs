@@ -356,7 +356,8 @@ fn new_weights_that_need_a_shorter_step_get_more_own_steps() {
     let before = run.energy();
     run.run(2000, &mut Silent).unwrap();
     let after = run.energy();
-    assert!((after / before - 1.0).abs() < 0.05, "{before} {after}");
+    // Masses other than those of the stiffness: this energy swings, and an unstable step would make it 1e100.
+    assert!((0.5..2.0).contains(&(after / before)), "{before} {after}");
     // Another run takes the number of own steps from the snapshot.
     let mut again = build(OwnStep::Same);
     again.rezone(light()).unwrap();

@@ -8,6 +8,7 @@
 //! an element joins the zone if a bond in it outside of the zone has        u ≥ wake
 //! all elements join within `margin` elements of a bond that broke or has   u ≥ 0.8
 //! an element woke too late if a bond in it slept at                        u ≥ 1
+//! an element leaves if all bonds in it and around it have                  u < release
 //! ```
 //!
 //! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
@@ -29,6 +30,8 @@ use std::time::Instant;
 const HOT: f64 = 0.8;
 /// Elements beyond the margin that join in a change that is due.
 const AHEAD: usize = 3;
+/// Share of the zone's elements that leave together at least.
+const LEAVE: f64 = 0.05;
 /// Share of `wake` above which elements join in a change that is due.
 const SOON: f64 = 0.9;
 
@@ -67,6 +70,8 @@ pub(crate) struct Follow {
     /// Probes of the body that lie in the zone by now.
     stale: Vec<String>,
     middles: Vec<Vector3<f64>>,
+    /// Elements that the zone began with: notches may cut them.
+    first: Vec<bool>,
     /// For each element: the support for which it stays with the body.
     barred: Vec<Option<usize>>,
 }
@@ -144,12 +149,13 @@ impl Follow {
         let every = moving.limits.every.unwrap_or(1.max(crossing.floor() as usize));
         debug_assert_eq!(body.model().nodes().len(), moving.mesh()?.nodes().len());
         let of_elements = in_unit_strains((bonds, &of_bonds), nodes, &moving, centres.len());
+        let first: Vec<bool> = shares.iter().map(|s| *s == Share::Zone).collect();
         let mut out = Self {
             quiet: Quiet::new(field, &centres, of_elements)?,
             rim: Vec::new(),
             stale: Vec::new(),
             state: Followed {
-                core: shares.iter().map(|s| *s == Share::Zone).collect(),
+                core: first.clone(),
                 conversions: Vec::new(),
                 seen: 0,
                 late: false,
@@ -164,6 +170,7 @@ impl Follow {
             log,
             shares,
             middles,
+            first,
         };
         out.rim = out.rim();
         Ok(Some(out))
@@ -309,7 +316,8 @@ impl Follow {
             ends.contains(&Share::Zone)
         };
         let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
-        let watched = |b: usize| self.rim[of_bonds[b] as usize] && awake(b);
+        let releases = limits.release.is_some();
+        let watched = |b: usize| (releases || self.rim[of_bonds[b] as usize]) && awake(b);
         let loads = bonds.utilisations(&spheres.state().q, &watched);
         let strains = self.quiet.strains(&body.state().q);
         let loud = self.quiet.may_reach(SOON * limits.wake, &strains);
@@ -334,6 +342,12 @@ impl Follow {
         for e in (0..loud.len()).filter(|e| loud[*e]) {
             self.quiet.note(e, strains[e], largest[e]);
         }
+        if let Some(release) = limits.release {
+            let of_zone = loads.iter().zip(of_bonds).filter(|(u, _)| **u >= release);
+            let mut busy = self.first.clone();
+            of_zone.for_each(|(_, e)| busy[*e as usize] = true);
+            self.let_go(busy, &mut out.core);
+        }
         hot = self.around(hot, limits.margin);
         let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
         join(&mut out.core, &hot);
@@ -348,6 +362,25 @@ impl Follow {
             out.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
         }
         out
+    }
+
+    /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay for a
+    /// change.
+    fn let_go(&self, busy: Vec<bool>, core: &mut [bool]) {
+        let mut broken = vec![false; core.len()];
+        let log = locked(&self.log);
+        let events = log.events().iter();
+        events.for_each(|e| broken[self.homes[1][e.bond as usize] as usize] = true);
+        let stay = [
+            self.around(busy, AHEAD),
+            self.around(broken, self.moving.limits.margin + AHEAD),
+        ];
+        let may_leave = |e: &usize| self.state.core[*e] && !stay[0][*e] && !stay[1][*e];
+        let leave: Vec<usize> = (0..core.len()).filter(may_leave).collect();
+        let size = self.state.core.iter().filter(|c| **c).count();
+        if leave.len() as f64 >= LEAVE * size as f64 {
+            leave.iter().for_each(|e| core[*e] = false);
+        }
     }
 
     /// Elements within `layers` elements of some.

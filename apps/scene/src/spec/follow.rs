@@ -21,6 +21,10 @@ pub struct FollowTable {
     /// Steps of the run between two looks. Default: the time in which a wave crosses an element of the body.
     #[schemars(range(min = 1))]
     pub every: Option<usize>,
+    /// Load of a bond over its strength \[–\] below which an element goes back to the body, if no bond in it or
+    /// within `margin` elements has broken. Elements of `shape` stay. Without it, the zone only grows.
+    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0))]
+    pub release: Option<f64>,
     /// Ends the run if an element woke too late: a bond would have broken before. Otherwise the run warns.
     pub strict: bool,
 }
@@ -31,6 +35,7 @@ impl Default for FollowTable {
             wake: 0.4,
             margin: 3,
             every: None,
+            release: None,
             strict: false,
         }
     }
@@ -47,7 +52,7 @@ impl<'de> Deserialize<'de> for Follow {
             type Value = Follow;
 
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("true, false or { wake, margin, every, strict }")
+                f.write_str("true, false or { wake, margin, every, release, strict }")
             }
 
             fn visit_bool<E>(self, on: bool) -> Result<Follow, E> {

@@ -68,6 +68,13 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
         let rule = "must be above 0 and at most 1 [-]; 0.4 is usual";
         return Err(value(format!("{path}.wake"), limits.wake, rule));
     }
+    if let Some(release) = limits.release.filter(|r| !(*r > 0.0 && *r < limits.wake)) {
+        let rule = format!(
+            "must be above 0 and below wake = {} [-]; half of it is usual",
+            limits.wake
+        );
+        return Err(value(format!("{path}.release"), release, &rule));
+    }
     for (name, count) in [("margin", limits.margin), ("every", limits.every.unwrap_or(1))] {
         if count == 0 {
             return Err(value(format!("{path}.{name}"), 0, "must be at least 1"));
