@@ -219,8 +219,8 @@ impl<T: Real> Coupled<T> {
         Ok(most)
     }
 
-    /// Returns the largest unbalanced force on a free displacement \[N\], and the largest sum of them in a model
-    /// along an axis, over the external forces and reactions there or over `borne` \[N\] if they are less \[–\].
+    /// Returns the largest unbalanced force on a free displacement \[N\], and the largest sum of them in a
+    /// model along an axis, over external forces and reactions, or over `borne` \[N\] if these are less \[–\].
     fn unbalanced_forces(&mut self, time: T, borne: T) -> Result<(T, T)> {
         let (mut largest, mut sum) = (T::zero(), T::zero());
         for k in 0..self.subdomains.len() {

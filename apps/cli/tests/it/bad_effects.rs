@@ -157,8 +157,8 @@ fn effects_of_solids() {
     }
 }
 
-/// The plan says which strength a fracture energy implies: with the modulus of the packing where the scene gives
-/// its beams, as the largest diameter where they soften; and how many bonds cannot soften.
+/// The plan says which strength a fracture energy implies: with the modulus of the packing where the scene
+/// gives its beams, as the largest diameter where they soften; and how many bonds cannot soften.
 #[test]
 fn what_a_fracture_energy_implies_is_said() {
     let folder = scratch("implied-strength");

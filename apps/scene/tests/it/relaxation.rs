@@ -129,8 +129,8 @@ fn an_obstacle_presses_a_block_at_rest_with_the_force_of_its_bed() {
 }
 
 /// Two arms that are drawn apart after their root has cracked: the body swings slowly about the grips, with
-/// small forces on each particle. At a tolerance of 1e-3 of the largest force in a bond, the two grips differed
-/// by a factor of six.
+/// small forces on each particle. At a tolerance of 1e-3 of the largest force in a bond, the two grips
+/// differed by a factor of six.
 #[test]
 fn grips_of_a_cracked_body_balance_each_other() {
     let mut text = "[model.arm]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\

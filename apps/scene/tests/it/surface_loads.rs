@@ -208,8 +208,8 @@ fn a_pressure_may_have_a_profile() {
             ),
         )
     };
-    // `∫ y dA` = 9, `∫ y² dA` = 18 and `∫ y z dA` = 9 over the face of 3 by 2; each facet has the value of its
-    // centre, which is exact for linear profiles.
+    // `∫ y dA` = 9, `∫ y² dA` = 18 and `∫ y z dA` = 9 over the face of 3 by 2; each facet has the value of
+    // its centre, which is exact for linear profiles.
     let linear = spot("y");
     assert_same(&linear, [-9e-3, 0.0, 0.0, 0.0, -9e-3, 18e-3], 1e-2);
     // A strip a quarter as high: pressure on `y < 0.75`.

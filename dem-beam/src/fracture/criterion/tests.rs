@@ -78,8 +78,8 @@ fn the_load_is_continuous_and_falls_with_compression() {
     }
 }
 
-/// A bent beam with the largest bending stress `m` under a compression of `m/2`: half of the tension remains, and a
-/// quarter of the energy of bending is the load.
+/// A bent beam with the largest bending stress `m` under a compression of `m/2`: half of the tension remains,
+/// and a quarter of the energy of bending is the load.
 #[test]
 fn the_load_of_a_compressed_beam_goes_as_the_square_of_the_tension_that_remains() {
     let s = section();
