@@ -391,6 +391,14 @@ mod tests {
         // 800 breaks (two at the same place) of a quarter each, over 50 by 2.
         let per_area = straight.released_per_area();
         assert!((per_area - 800.0 * 0.25 / 100.0).abs() < 0.02, "{per_area}");
+        // The area is that of the crack, which is longer where it runs at an angle.
+        let mut sloping = breaks(999.0, 0.0);
+        sloping
+            .iter_mut()
+            .for_each(|b| b.place[1] += 0.5 * (b.place[0] - 50.0));
+        let per_area = CrackPath::new(PLATE, &sloping).released_per_area();
+        let wanted = 800.0 * 0.25 / (2.0 * 50.0_f64.hypot(25.0));
+        assert!((per_area / wanted - 1.0).abs() < 0.02, "{per_area} {wanted}");
         // Sixteen bonds per unit of length, between two places; small branches are left out.
         let beside = released_beside(&breaks(999.0, 0.0), [60.0, 90.0], 0.5);
         assert!((beside - 16.0 * 30.0 * 0.25).abs() < 1.0, "{beside}");

@@ -16,6 +16,15 @@
 //! A loose piece that drifts has no stiffness and would take all damping away (`ω` = 0). The second term,
 //! with the time `t` since the start of the load step, slows it like `t⁻³`.
 //!
+//! A body that swings slowly as a whole has small forces on each node while its supports are far from
+//! balance. Equilibrium therefore also means that the unbalanced forces of a model sum up to little:
+//!
+//! ```text
+//! max |f| <= ε max |f_int|      |Σ f| <= 10 ε Σ (|f_ext| + |R|)     along each axis, f on free unknowns
+//! ```
+//!
+//! with the external forces `f_ext` and the reactions `R` of prescribed unknowns.
+//!
 //! Bonds break in the order in which this motion brings them to their strength, with the true masses and
 //! while time stands still. The motion hardly swings beyond an equilibrium.
 
@@ -28,6 +37,9 @@ use crate::{Error, Real, Result, parallel};
 
 /// Steps between two evaluations of the residual, each of which costs as much as two steps.
 const LOOK: usize = 100;
+/// Residual of the sum of the unbalanced forces over that of single ones. A single force is compared with the
+/// largest one at any bond, a sum with the whole load.
+const OF_SUM: f64 = 10.0;
 /// Largest `c ΔT/2`. Damping that stops the motion within a step would leave nothing to find `ω` from.
 const MOST_DAMPING: f64 = 0.9;
 
@@ -98,8 +110,9 @@ impl<T: Real> Coupled<T> {
             if k < how.ramp {
                 continue;
             }
-            let off = self.largest_unbalanced_force(now)?;
-            residual = if borne > T::zero() { off / borne } else { off };
+            let (off, sum) = self.unbalanced_forces(now, borne)?;
+            let single = if borne > T::zero() { off / borne } else { off };
+            residual = single.max(sum / T::of(OF_SUM));
             if residual <= how.tolerance {
                 // Loose pieces may still drift. They are stopped where they are: a rigid motion strains
                 // nothing, so that they are in equilibrium anywhere.
@@ -206,14 +219,17 @@ impl<T: Real> Coupled<T> {
         Ok(most)
     }
 
-    /// Returns the largest unbalanced force on a free displacement \[N\].
-    fn largest_unbalanced_force(&mut self, time: T) -> Result<T> {
-        let mut off = T::zero();
+    /// Returns the largest unbalanced force on a free displacement \[N\], and the largest sum of them in a
+    /// model along an axis, over external forces and reactions, or over `borne` \[N\] if these are less \[–\].
+    fn unbalanced_forces(&mut self, time: T, borne: T) -> Result<(T, T)> {
+        let (mut largest, mut sum) = (T::zero(), T::zero());
         for k in 0..self.subdomains.len() {
             let s = &mut self.subdomains[k];
-            let moving = s.model().layout().translations();
-            let mut forces = vec![T::zero(); s.model().layout().dofs()];
+            let layout = s.model().layout();
+            let mut forces = vec![T::zero(); layout.dofs()];
+            let mut internal = forces.clone();
             s.write_forces(time, &mut forces)?;
+            s.internal_forces_now(&mut internal)?;
             for i in &self.interfaces {
                 for (m, sign) in [-T::one(), T::one()].into_iter().enumerate() {
                     // Multipliers act by −Bᵀλ on the coarse and by +Bᵀλ on the fine model.
@@ -222,12 +238,28 @@ impl<T: Real> Coupled<T> {
                     }
                 }
             }
-            // Supports balance the prescribed unknowns.
-            let free = self.subdomains[k].inverse_inertia()[..moving].iter().zip(&forces);
-            // Inverse inertia zero marks prescribed unknowns.
-            let free = free.filter(|(w, _)| **w > T::zero());
-            off = free.fold(off, |m, (_, f)| m.max(f.abs()));
+            let (mut lost, mut load) = ([T::zero(); 3], [T::zero(); 3]);
+            let inverse = self.subdomains[k].inverse_inertia();
+            for dof in 0..layout.translations() {
+                let (force, axis) = (forces[dof], dof % layout.components);
+                // Supports balance the prescribed unknowns, which inverse inertia zero marks.
+                if inverse[dof] > T::zero() {
+                    largest = largest.max(force.abs());
+                    lost[axis] += force;
+                    load[axis] += (force - internal[dof]).abs();
+                } else {
+                    load[axis] += force.abs();
+                }
+            }
+            for (lost, load) in lost.into_iter().zip(load) {
+                let load = load.max(borne);
+                sum = sum.max(if load > T::zero() {
+                    lost.abs() / load
+                } else {
+                    T::zero()
+                });
+            }
         }
-        Ok(off)
+        Ok((largest, sum))
     }
 }

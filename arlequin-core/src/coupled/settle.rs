@@ -14,8 +14,9 @@ use crate::{Error, Real, Result};
 /// Parameters of a relaxation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relaxation<T> {
-    /// Residual that counts as equilibrium: largest unbalanced force on a free displacement, relative to the
-    /// largest internal force since the instant before.
+    /// Residual that counts as equilibrium: the largest unbalanced force on a free displacement, relative to
+    /// the largest internal force since the instant before, or a tenth of the sum of these forces in a
+    /// model, relative to its external forces and reactions, if that is larger.
     pub tolerance: T,
     /// Largest number of steps.
     pub most: usize,

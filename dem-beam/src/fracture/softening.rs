@@ -92,6 +92,17 @@ impl Softening {
 }
 
 impl Fracture {
+    /// Mean diameter \[m\] that spheres must stay below so that beams soften from the axial stress `strength`
+    /// \[Pa\] on: `2 E_b gc/(F σ²)`.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] unless all are positive.
+    pub fn largest_diameter(gc: f64, strength: f64, beam: &BeamMaterial) -> Result<f64> {
+        let brittle = Self::from_fracture_energy(Criterion::TensileEnergy, gc, beam.radius_ratio)?;
+        positive("bond strength", strength)?;
+        Ok(brittle.strength / (strength * strength / (2.0 * beam.young)))
+    }
+
     /// Beams that soften, so that a body of spheres of the mean diameter `diameter` \[m\] takes `gc` \[J/m²\]
     /// per area of a crack and its beams bear the axial stress `strength` \[Pa\].
     ///
@@ -100,20 +111,19 @@ impl Fracture {
     /// [`Error::OutOfRange`] unless all are positive.
     pub fn softening(gc: f64, strength: f64, beam: &BeamMaterial, diameter: f64) -> Result<Self> {
         let brittle = Self::from_fracture_energy(Criterion::TensileEnergy, gc, beam.radius_ratio)?;
-        positive("bond strength", strength)?;
+        let largest = Self::largest_diameter(gc, strength, beam)?;
         positive("mean diameter", diameter)?;
-        let per_length = strength * strength / (2.0 * beam.young);
         let dissipated = brittle.strength;
-        if per_length * diameter >= dissipated {
+        if diameter >= largest {
             return Err(Error::SnapBack {
                 gc,
                 strength,
                 diameter,
-                largest: dissipated / per_length,
+                largest,
             });
         }
         Ok(Self {
-            strength: per_length * diameter,
+            strength: strength * strength / (2.0 * beam.young) * diameter,
             dissipated: Some(dissipated),
             ..brittle
         })
@@ -121,6 +131,17 @@ impl Fracture {
 }
 
 impl FractureState {
+    /// Returns the number of bonds whose scattered peak lies at `G` or beyond: they break at once and release
+    /// the energy of their peak.
+    pub(crate) fn snapping(&self, body: &BondedParticles) -> usize {
+        let bonds = 0..body.pairs().len();
+        self.softening.as_ref().map_or(0, |s| {
+            bonds
+                .filter(|b| self.first_strength(body, *b) >= s.dissipated)
+                .count()
+        })
+    }
+
     /// Weakens a bond under a load beyond its present strength. Returns the share of its present stiffness
     /// that it loses and its damage; `None` if too little is lost to be stored.
     pub(super) fn weaken(&mut self, body: &BondedParticles, bond: usize, load: f64) -> Option<(f64, Damage)> {

@@ -443,5 +443,12 @@ pub(super) fn middle(body: &BondedParticles, b: usize) -> Vector3<f64> {
 
 fn strength_of(spec: &Fracture, body: &BondedParticles, b: usize) -> f64 {
     let [i, j] = body.pairs()[b].map(|i| &body.positions()[i as usize]);
-    spec.strength * spec.scatter.factor(spec.seed, i, j)
+    let factor = spec.scatter.factor(spec.seed, i, j);
+    // The scatter of beams that soften is that of their stress at the peak, and energies are squares of
+    // stresses.
+    spec.strength
+        * match spec.dissipated {
+            Some(_) => factor * factor,
+            None => factor,
+        }
 }

@@ -118,6 +118,13 @@ impl DemModel {
         self
     }
 
+    /// Number of bonds that were to soften but break at once, as their scattered peak holds at least the
+    /// energy that a bond takes to fail; they release the energy of their peak, which is more.
+    #[must_use]
+    pub fn snapping_bonds(&self) -> usize {
+        self.fracture.as_ref().map_or(0, |f| f.snapping(&self.body))
+    }
+
     /// Returns the log of broken bonds, which stays up to date during a run.
     #[must_use]
     pub fn break_log(&self) -> SharedLog {

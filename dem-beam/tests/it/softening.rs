@@ -333,3 +333,28 @@ fn beams_that_would_snap_back_are_refused_with_the_largest_diameter() {
             .contains("'axial' compares stresses")
     );
 }
+
+/// The scatter is that of the stress at the peak: a bond snaps if its factor `f` has `f² w_1 >= G`, which a
+/// share `exp(−(G/w_1)^{m/2})` of Weibull factors does.
+#[test]
+fn scattered_bonds_that_cannot_soften_are_counted() {
+    let packing = lattice(Lattice::Cubic, [12; 3], R).unwrap();
+    let model = |spec: Fracture| {
+        let model = DemModel::new("cube", &packing, BeamMaterial::SILICA, 2200.0).unwrap();
+        model.with_fracture(spec).unwrap()
+    };
+    let spec = Fracture {
+        dissipated: Some(1.5 * ENERGIES[1]),
+        scatter: Scatter::Weibull { modulus: 4.0 },
+        ..softening()
+    };
+    let bonds = packing.pairs.len() as f64;
+    let wanted = (-1.5_f64.powi(2)).exp();
+    let share = model(spec).snapping_bonds() as f64 / bonds;
+    // Three deviations of a count.
+    assert!(
+        (share - wanted).abs() < 3.0 * (wanted / bonds).sqrt(),
+        "{share} {wanted}"
+    );
+    assert_eq!(model(softening()).snapping_bonds(), 0);
+}

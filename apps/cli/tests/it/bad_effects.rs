@@ -156,3 +156,68 @@ fn effects_of_solids() {
         assert_refused(&folder, SMALL, effect, expected);
     }
 }
+
+/// The plan says which strength a fracture energy implies: with the modulus of the packing where the scene
+/// gives its beams, as the largest diameter where they soften; and how many bonds cannot soften.
+#[test]
+fn what_a_fracture_energy_implies_is_said() {
+    let folder = scratch("implied-strength");
+    let plan = |dem: &str, fracture: &str| {
+        let path = folder.join("scene.toml");
+        let scene = GRAINS.replace("protocol = \"quench\"", &format!("protocol = \"quench\"{dem}"));
+        std::fs::write(
+            &path,
+            format!("{scene}\n[[effect]]\nfracture = {{ {fracture} }}\n"),
+        )
+        .expect("scene");
+        let out = arlequin(&["check", text(&path)]);
+        let words = String::from_utf8_lossy(&out.stdout)
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        words + &String::from_utf8_lossy(&out.stderr)
+    };
+    let number = |plan: &str, before: &str| -> f64 {
+        let behind = plan
+            .split(before)
+            .nth(1)
+            .unwrap_or_else(|| panic!("'{before}' in {plan}"));
+        behind
+            .split_whitespace()
+            .next()
+            .and_then(|w| w.parse().ok())
+            .expect("a number")
+    };
+    for dem in ["", ", young = 200e9, radius_ratio = 0.3"] {
+        let plan = plan(dem, "gc = 8.0");
+        let young = if dem.is_empty() {
+            75e9
+        } else {
+            number(&plan, "a packing of about E =")
+        };
+        let diameter = number(&plan, "J/m2 with spheres of");
+        let strength = number(&plan, "a strength in tension of about");
+        let wanted = (young * 8.0 / (std::f64::consts::PI * 0.71 * diameter)).sqrt();
+        // Two digits are printed.
+        assert!(
+            (strength / wanted - 1.0).abs() < 0.06,
+            "{strength:e} {wanted:e}: {plan}"
+        );
+    }
+    // `2 E_b gc/(F σ²)`: beams of 3.56 times the modulus of the body.
+    let soft = plan("", "gc = 8.0, strength = 60e6, softening = true");
+    let largest = number(&soft, "as with any below");
+    assert!(
+        (largest / (2.0 * 3.56 * 75e9 * 8.0 / (0.78 * 60e6_f64.powi(2))) - 1.0).abs() < 0.01,
+        "{soft}"
+    );
+    assert!(!soft.contains("cannot soften"));
+    let scattered = plan("", "gc = 8.0, strength = 60e6, softening = true, weibull = 1.0");
+    assert!(number(&scattered, "by their scatter") > 1.0, "{scattered}");
+    // The strength of particles over that of the body is measured too.
+    let both = plan("", "gc = 8.0, strength = 15e6, criterion = \"hydrostatic\"");
+    assert!(
+        both.contains("the strength of particles by 'hydrostatic' means about 1.72e7 Pa"),
+        "{both}"
+    );
+}

@@ -105,7 +105,7 @@ pub struct LoadStep {
     /// Name of the method: `direct` or `relaxed`.
     pub method: String,
     /// Relative residual: of the linear system, or largest unbalanced force over the largest internal force
-    /// since the load step before.
+    /// since the load step before, or a tenth of the sum of these forces over loads and reactions.
     pub residual: f64,
     /// Number of relaxation steps.
     pub iterations: usize,

@@ -373,7 +373,7 @@ impl Follow {
         events.for_each(|e| broken[self.homes[1][e.bond as usize] as usize] = true);
         let stay = [
             self.around(busy, AHEAD),
-            self.around(broken, self.moving.limits.margin + AHEAD),
+            self.around(broken, self.moving.limits.margin),
         ];
         let may_leave = |e: &usize| self.state.core[*e] && !stay[0][*e] && !stay[1][*e];
         let leave: Vec<usize> = (0..core.len()).filter(may_leave).collect();

@@ -1,10 +1,11 @@
-//! Functions of time, from expressions and from tables in files.
+//! Functions of time, from expressions and from tables in files; functions of the place.
 
 use super::files;
 use crate::error::{Error, Result, key, value};
 use crate::setup::LoweredScene;
 use crate::spec::TimeShape;
 use arlequin::core::Formula;
+use arlequin::core::nalgebra::Point3;
 use std::path::Path;
 
 /// Deepest nesting of an expression; bounds the recursion of the parser.
@@ -13,18 +14,20 @@ const DEEP: usize = 100;
 /// A node of the syntax tree of an expression.
 enum Node {
     Number(f64),
-    Time,
+    /// A variable, by its number among the names of the expression.
+    Variable(usize),
     One(fn(f64) -> f64, Box<Self>),
     Two(fn(f64, f64) -> f64, Box<[Self; 2]>),
 }
 
 impl Node {
-    fn value(&self, t: f64) -> f64 {
+    fn value(&self, variables: &[f64]) -> f64 {
+        let value = |node: &Self| node.value(variables);
         match self {
             Self::Number(x) => *x,
-            Self::Time => t,
-            Self::One(f, x) => f(x.value(t)),
-            Self::Two(f, x) => f(x[0].value(t), x[1].value(t)),
+            Self::Variable(k) => variables[*k],
+            Self::One(f, x) => f(value(x)),
+            Self::Two(f, x) => f(value(&x[0]), value(&x[1])),
         }
     }
 
@@ -72,8 +75,24 @@ fn number(a: f64, b: f64, value: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { value }
 }
 
+/// Names of the variables of an expression, and their meaning for messages.
+struct Variables {
+    names: &'static [&'static str],
+    meaning: &'static str,
+}
+
+const TIME: Variables = Variables {
+    names: &["t"],
+    meaning: "t, the time in s",
+};
+const PLACE: Variables = Variables {
+    names: &["x", "y", "z"],
+    meaning: "x, y and z, the place in m",
+};
+
 /// Parser of expressions in mathematical notation: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
+    variables: &'a Variables,
     remainder: &'a str,
     depth: usize,
 }
@@ -165,14 +184,16 @@ impl Parser<'_> {
             let inner = self.sum()?;
             return self.close(inner);
         }
-        let first = self.remainder.chars().next();
-        match first {
+        let names = self.variables.names.join(", ");
+        match self.remainder.chars().next() {
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() => self.word(),
             Some(c) => Err(format!(
-                "has '{c}' where a number, t, a function or a bracket should be"
+                "has '{c}' where a number, {names}, a function or a bracket should be"
             )),
-            None => Err("ends where a number, t, a function or a bracket should be".to_owned()),
+            None => Err(format!(
+                "ends where a number, {names}, a function or a bracket should be"
+            )),
         }
     }
 
@@ -191,11 +212,13 @@ impl Parser<'_> {
 
     fn word(&mut self) -> Result<Node, String> {
         let name = self.take(|_, c| c.is_ascii_alphanumeric() || c == '_');
-        let unknown_name = |list: &str| format!("knows no '{name}'; it knows t, the time in s, pi, {list}");
+        let meaning = self.variables.meaning;
+        let unknown_name = |list: &str| format!("knows no '{name}'; it knows {meaning}, pi, {list}");
         if !self.sign('(') {
-            return match name.as_str() {
-                "t" => Ok(Node::Time),
-                "pi" | "PI" => Ok(Node::Number(std::f64::consts::PI)),
+            let variable = self.variables.names.iter().position(|n| *n == name);
+            return match (variable, name.as_str()) {
+                (Some(k), _) => Ok(Node::Variable(k)),
+                (None, "pi" | "PI") => Ok(Node::Number(std::f64::consts::PI)),
                 _ => Err(unknown_name("numbers and functions with brackets behind them")),
             };
         }
@@ -227,9 +250,10 @@ impl Parser<'_> {
     }
 }
 
-/// Returns the function of time `t` \[s\] that an expression describes.
-pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
+/// Returns the syntax tree of the expression at key `path`.
+fn node(path: &str, text: &str, variables: &Variables) -> Result<Node> {
     let mut parser = Parser {
+        variables,
         remainder: text,
         depth: 0,
     };
@@ -239,9 +263,19 @@ pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
             None => Ok(node),
             Some(c) => Err(format!("has '{c}' where it should go on with + - * / ^ or end")),
         });
-    let wrong = |rule: String| value(format!("{path}.expression"), format_args!("\"{text}\""), &rule);
-    let node = read.map_err(wrong)?;
-    Ok(Formula::new(text, move |t| node.value(t)))
+    read.map_err(|rule| value(path, format_args!("\"{text}\""), &rule))
+}
+
+/// Returns the function of time `t` \[s\] that an expression describes.
+pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
+    let node = node(&format!("{path}.expression"), text, &TIME)?;
+    Ok(Formula::new(text, move |t| node.value(&[t])))
+}
+
+/// Returns the function of the place \[m\] that the expression at key `path` describes.
+pub(super) fn profile(path: &str, text: &str) -> Result<impl Fn(&Point3<f64>) -> f64 + use<>> {
+    let node = node(path, text, &PLACE)?;
+    Ok(move |x: &Point3<f64>| node.value(&[x.x, x.y, x.z]))
 }
 
 /// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words
@@ -410,6 +444,21 @@ mod tests {
         ] {
             assert!((at(text, t) - wanted).abs() < 1e-14, "{text}: {}", at(text, t));
         }
+    }
+
+    #[test]
+    fn profiles_are_expressions_of_the_place() {
+        let wanted = 2.0_f64.mul_add(1.5, (-0.25_f64).exp());
+        let read = profile("load[0].profile", "2*z + exp(-(x-y)^2)").expect("a profile");
+        assert!((read(&Point3::new(1.0, 0.5, 1.5)) - wanted).abs() < 1e-14);
+        let refused = profile("load[0].profile", "t")
+            .err()
+            .expect("no time")
+            .to_string();
+        assert!(
+            refused.contains("load[0].profile") && refused.contains("knows x, y and z"),
+            "{refused}"
+        );
     }
 
     #[test]

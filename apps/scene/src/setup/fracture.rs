@@ -3,18 +3,19 @@
 
 use super::filling::beam;
 use super::names::effect_models;
-use super::packing::{PackingLine, Toughness};
+use super::packing::{PackingLine, Softening, Toughness};
 use crate::error::{Result, dem, key};
 use crate::setup::{LoweredModel, LoweredScene};
 use crate::spec::{self, CriterionKind, Effect, EffectKind};
 use arlequin::dem_beam::fracture::{SharedLog, diameter_of_both, tensile_strength};
-use arlequin::dem_beam::{Criterion, DemModel, Fracture, Scatter};
+use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture, Scatter};
 
-/// Strength of the beams over that of the body, without scatter (docs/calibration.md).
-const BEAMS_OVER_BODY: [(Criterion, f64); 3] = [
+/// Strength of the beams, or particles, over that of the body, without scatter (docs/calibration.md).
+const BEAMS_OVER_BODY: [(Criterion, f64); 4] = [
     (Criterion::Axial, 4.0),
     (Criterion::Rankine, 12.0),
     (Criterion::Mises, 12.0),
+    (Criterion::Hydrostatic, 0.87),
 ];
 
 /// Fracture of a model that is being built.
@@ -45,7 +46,6 @@ pub(super) fn apply(
         let path = format!("effect[{k}].fracture");
         let diameter = 2.0 * model.body().mean_radius();
         let spec = fracture(&path, f, (name, table), Some(diameter))?;
-        packing.toughness = toughness(f, table, diameter);
         // With fracture off, the strengths only serve the warning that bonds would break.
         if !e.enabled {
             model = model.with_watched_strength(spec).map_err(dem(&path))?;
@@ -53,6 +53,7 @@ pub(super) fn apply(
             model = model.with_fracture(spec).map_err(dem(&path))?;
             out.log = Some(model.break_log());
         }
+        packing.toughness = toughness(f, name, table, &model)?;
     }
     Ok((model, out))
 }
@@ -113,7 +114,7 @@ pub(crate) fn fracture(
     };
     let beam = beam(name, model)?;
     let ratio = beam.radius_ratio;
-    let young = model.known_material(name)?.young;
+    let young = body_young(model, &beam, model.known_material(name)?.young);
     let base = match (f.gc, f.strength) {
         (Some(gc), Some(strength)) if f.softening => {
             if f.criterion.is_some() {
@@ -195,8 +196,9 @@ fn contradiction(
     let ratio = BEAMS_OVER_BODY.iter().find(|(c, _)| *c == criterion);
     let (of_beams, body) = ratio.map_or((String::new(), strength), |(c, ratio)| {
         let name = c.name();
+        let what = if c.is_of_particles() { "particles" } else { "beams" };
         let text = format!(
-            "the strength of beams by '{name}' means about {:.2e} Pa; ",
+            "the strength of {what} by '{name}' means about {:.2e} Pa; ",
             strength / ratio
         );
         (text, strength / ratio)
@@ -209,13 +211,36 @@ fn contradiction(
     )
 }
 
-/// Returns the strength in tension of a model with spheres of this mean diameter \[m\] that follows from the
-/// fracture energy, if one is given and the beams do not soften.
-fn toughness(f: &spec::Fracture, model: &LoweredModel, diameter: f64) -> Option<Toughness> {
-    let gc = f.gc.filter(|_| !f.softening)?;
-    Some(Toughness {
+/// Young's modulus of the body \[Pa\]: that of its material, or what beams make of it that the scene gives.
+fn body_young(model: &LoweredModel, beam: &BeamMaterial, young: f64) -> f64 {
+    model.dem.young.map_or(young, |_| beam.bulk()[0])
+}
+
+/// Returns what a fracture energy implies for a model of particles, if one is given.
+fn toughness(
+    f: &spec::Fracture,
+    name: &str,
+    table: &LoweredModel,
+    model: &DemModel,
+) -> Result<Option<Toughness>> {
+    let Some(gc) = f.gc else { return Ok(None) };
+    let (beam, diameter) = (beam(name, table)?, 2.0 * model.body().mean_radius());
+    let young = body_young(table, &beam, table.known_material(name)?.young);
+    let softens = f.strength.filter(|_| f.softening);
+    let softening = softens.map(|peak| {
+        Ok(Softening {
+            peak,
+            largest: Fracture::largest_diameter(gc, peak, &beam)?,
+            snapping: model.snapping_bonds(),
+        })
+    });
+    Ok(Some(Toughness {
         gc,
         diameter,
-        tensile_strength: tensile_strength(model.material?.young, gc, diameter),
-    })
+        tensile_strength: f
+            .strength
+            .is_none()
+            .then(|| tensile_strength(young, gc, diameter)),
+        softening: softening.transpose().map_err(dem(name))?,
+    }))
 }

@@ -3,11 +3,11 @@
 use super::body::Body;
 use super::faces::Faces;
 use super::kinds::kind;
-use super::select;
 use super::skin::{self, Skin};
 use super::spread::{Carrier, Carriers, Resultant, Traction, distribute, make_up, polar, turn};
 use super::time::time_function;
-use crate::error::{Error, Result, core, key};
+use super::{formula, select};
+use crate::error::{Error, Result, core, key, value};
 use crate::setup::LoweredModel;
 use crate::spec::Load;
 use arlequin::core::TimeFunction;
@@ -15,12 +15,16 @@ use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::TOUCH;
 
+/// Longest edge of the facets of spheres under a profile, in mean diameters.
+const PROFILE: f64 = 0.5;
+
 /// Name of load `k` in the ledger.
 pub(super) fn name(k: usize, l: &Load) -> String {
     l.name.clone().unwrap_or_else(|| format!("load-{}", k + 1))
 }
 
-/// Refuses a load that does not have exactly one of traction, force, pressure, torque.
+/// Refuses a load that does not have exactly one of traction, force, pressure, torque, and a profile that
+/// cannot be read.
 pub(super) fn check(path: &str, l: &Load) -> Result<()> {
     let choices = [
         l.traction.is_some(),
@@ -33,6 +37,17 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
             path,
             "needs exactly one of traction, force, pressure, torque",
         ));
+    }
+    if let Some(text) = &l.profile {
+        let path = format!("{path}.profile");
+        if l.traction.is_none() && l.pressure.is_none() {
+            return Err(key(
+                path,
+                "is that of a traction or a pressure [Pa]; give one of these",
+            ));
+        }
+        // Read to be checked before anything is packed.
+        let _ = formula::profile(&path, text)?;
     }
     Ok(())
 }
@@ -65,9 +80,12 @@ pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<e
 }
 
 /// Traction of a load on the given facets \[Pa\].
+///
+/// # Errors
+/// A profile that is not finite at a facet; errors of [`torque`].
 pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
     let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
-    Ok(if let Some(t) = l.traction {
+    let field: Traction = if let Some(t) = l.traction {
         Box::new(move |_| Vector3::from(t))
     } else if let Some(f) = l.force {
         Box::new(move |_| Vector3::from(f) / area)
@@ -75,7 +93,21 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
         Box::new(move |f| -f.normal * p)
     } else {
         torque(path, Vector3::from(l.torque.unwrap_or_default()), facets)?
-    })
+    };
+    let Some(text) = &l.profile else {
+        return Ok(field);
+    };
+    let path = format!("{path}.profile");
+    let profile = formula::profile(&path, text)?;
+    if let Some(f) = facets.iter().find(|f| !profile(&f.centre).is_finite()) {
+        let rule = format!(
+            "is {} at {:?} m; give one that is finite on the surface",
+            profile(&f.centre),
+            f.centre.coords.as_slice()
+        );
+        return Err(value(path, format_args!("\"{text}\""), &rule));
+    }
+    Ok(Box::new(move |f| field(f) * profile(&f.centre)))
 }
 
 /// Returns the centre `c` and the vector `θ` with which forces `a θ × (x − c)` at points `x` have a given
@@ -132,7 +164,11 @@ fn load_on_spheres(
 /// A selection without surface or without spheres; spheres that are too few to carry the moment.
 pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Carriers> {
     let (name, key_path) = (body.model.name(), format!("{path}.where"));
-    let triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
+    let mut triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
+    if l.profile.is_some() {
+        // Facets have one traction each.
+        triangles = skin::refined(triangles, PROFILE * body.spacing);
+    }
     let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(skin::facet).collect();
     let field = traction(path, l, &facets)?;
     let prescribed = Resultant::of_facets(&facets, &field);

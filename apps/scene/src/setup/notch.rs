@@ -11,7 +11,8 @@ use arlequin::dem_beam::packing::Packing;
 use std::path::Path;
 
 const ALL_BONDS: &str = "takes every bond of the body; make it a thin notch that crosses a part of the body";
-const BESIDE: &str = "crosses no bond: it lies beside the shape; move it or check the units (m)";
+const BESIDE: &str =
+    "crosses no bond: it lies beside the shape, or its plane beside its box; move it or check the units (m)";
 
 /// The form of a notch \[m\].
 #[derive(Debug, Clone)]
@@ -206,10 +207,11 @@ impl Knife {
     }
 
     /// Returns whether the notch lies beside a shape between two corners, and whether it covers all of it.
-    fn covers(&self, [from, to]: &[Vector3<f64>; 2]) -> (bool, bool) {
+    fn covers(&self, ends: &[Vector3<f64>; 2]) -> (bool, bool) {
+        let [from, to] = ends;
         let beside = |[low, high]: &[Vector3<f64>; 2]| (0..3).any(|c| low[c] > to[c] || high[c] < from[c]);
-        let beyond = |slab: &Slab| {
-            let corner = |k: usize| Vector3::from_fn(|c, _| if k >> c & 1 == 0 { from[c] } else { to[c] });
+        let beyond = |slab: &Slab, ends: &[Vector3<f64>; 2]| {
+            let corner = |k: usize| Vector3::from_fn(|c, _| ends[k >> c & 1][c]);
             // A linear function takes its extreme values at corners of the box.
             let heights = (0..8).map(|k| slab.normal.dot(&(corner(k) - slab.point)));
             let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
@@ -221,16 +223,17 @@ impl Knife {
             )
         };
         match &self.form {
-            Form::Box(ends) => {
-                let [low, high] = ends;
+            Form::Box(sides) => {
+                let [low, high] = sides;
                 let over = (0..3).all(|c| low[c] <= from[c] && high[c] >= to[c]);
-                (beside(ends), over)
+                (beside(sides), over)
             }
-            Form::Plane(slab, ends) => {
-                let (off, over) = beyond(slab);
-                let [low, high] = ends;
+            Form::Plane(slab, part) => {
+                let [low, high] = part;
+                // The part of the body in the box of the plane: the plane may cross the body beside it.
+                let (off, over) = beyond(slab, &[from.sup(low), to.inf(high)]);
                 let whole = (0..3).all(|c| low[c] <= from[c] && high[c] >= to[c]);
-                (off || beside(ends), over && whole)
+                (off || beside(part), over && whole)
             }
             Form::Disc(slab, radius) => {
                 // The bounding box of a disc reaches `R √(1 − n_c²)` along axis `c`.
@@ -238,7 +241,7 @@ impl Knife {
                     .normal
                     .map(|n| radius * (1.0 - n * n).max(0.0).sqrt() + slab.half * n.abs());
                 (
-                    beyond(slab).0 || beside(&[slab.point - reach, slab.point + reach]),
+                    beyond(slab, ends).0 || beside(&[slab.point - reach, slab.point + reach]),
                     false,
                 )
             }
@@ -295,10 +298,16 @@ pub(super) fn check(knives: &[Knife], ends: [Vector3<f64>; 2]) -> Result<()> {
 /// # Errors
 /// A notch that crosses no bond, or every bond.
 pub fn cut(knives: &[Knife], shift: &Vector3<f64>, packing: &mut Packing) -> Result<()> {
-    for knife in knives {
+    for (k, knife) in knives.iter().enumerate() {
         let crosses = |from: &Vector3<f64>, to: &Vector3<f64>| knife.crosses(&(from + shift), &(to + shift));
         if packing.cut(crosses).bonds == 0 {
-            let rule = "crosses no bond; enlarge it or check the units (m)";
+            let rule = match k {
+                0 => "crosses no bond; enlarge it or check the units (m)",
+                _ => {
+                    "crosses no bond that the notches before it have left; remove it if it lies in one of them, else enlarge it \
+                     or check the units (m)"
+                }
+            };
             return Err(key(&*knife.path, rule));
         }
         if packing.pairs.is_empty() {
@@ -368,5 +377,60 @@ mod tests {
         assert!(!crosses(&disc, [1.6, 1.0, 0.98], [1.3, 1.0, 1.7]));
         assert!(crosses(&disc, [1.3, 1.3, 0.0], [1.3, 1.3, 2.0]));
         assert!(!crosses(&disc, [1.4, 1.4, 0.0], [1.4, 1.4, 2.0]));
+    }
+
+    #[test]
+    fn a_plane_that_misses_its_box_or_the_shape_is_refused_before_packing() {
+        let plane = |height: f64, low: f64| {
+            let within = Some(NotchBox {
+                low: [0.0, low, 0.0],
+                high: [6.0, 6.0, 2.0],
+            });
+            knife(Notch {
+                plane: Some(NotchPlane {
+                    point: [0.0, height, 0.0],
+                    normal: [0.0, 1.0, 0.0],
+                    thickness: None,
+                    within,
+                }),
+                ..Notch::default()
+            })
+        };
+        let ends = [Vector3::zeros(), Vector3::new(12.0, 6.0, 2.0)];
+        assert!(check(&[plane(3.0, 0.0)], ends).is_ok());
+        // Its plane crosses the shape, and its box too, but not at the same place.
+        for missed in [plane(3.0, 4.0), plane(9.0, 0.0), plane(3.0, 7.0)] {
+            let refused = check(&[missed], ends).expect_err("beside").to_string();
+            assert!(
+                refused.contains("model.rock.dem.notch[0]") && refused.contains("beside"),
+                "{refused}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_thickness_lies_half_on_each_side_and_a_thin_solid_is_pierced() {
+        let slab = knife(Notch {
+            plane: Some(NotchPlane {
+                point: [0.0; 3],
+                normal: [0.0, 0.0, 3.0],
+                thickness: Some(1.0),
+                within: None,
+            }),
+            ..Notch::default()
+        });
+        assert!(crosses(&slab, [0.0, 0.0, 0.49], [1.0, 0.0, 0.6]));
+        assert!(!crosses(&slab, [0.0, 0.0, 0.51], [1.0, 0.0, 0.6]));
+        let triangle = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.5));
+        let through = |x: f64, y: f64, from: f64, to: f64| {
+            pierces(
+                &Vector3::new(x, y, from),
+                &Vector3::new(0.0, 0.0, to - from),
+                &triangle,
+            )
+        };
+        assert!(through(0.3, 0.3, 0.0, 1.0) && through(0.3, 0.3, 1.0, 0.0));
+        // It ends before the triangle, begins behind it, or passes beside it.
+        assert!(!through(0.3, 0.3, 0.0, 0.4) && !through(0.3, 0.3, 0.6, 1.0) && !through(0.6, 0.6, 0.0, 1.0));
     }
 }

@@ -61,8 +61,23 @@ pub struct Toughness {
     pub gc: f64,
     /// Mean diameter of the spheres \[m\].
     pub diameter: f64,
-    /// Strength in tension of a plain body \[Pa\].
-    pub tensile_strength: f64,
+    /// Strength in tension of a plain body \[Pa\]; not known for beams that soften.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tensile_strength: Option<f64>,
+    /// Beams that soften.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub softening: Option<Softening>,
+}
+
+/// What a fracture energy means for beams that soften.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Softening {
+    /// Axial stress of the beams at their peak \[Pa\].
+    pub peak: f64,
+    /// Mean diameter \[m\] that spheres must stay below.
+    pub largest: f64,
+    /// Number of bonds that are stronger than beams that soften can be, and break at once.
+    pub snapping: usize,
 }
 
 /// Stiffness of a packing in its place.
@@ -83,10 +98,24 @@ pub struct Likeness {
 
 impl Toughness {
     fn text(&self) -> String {
-        format!(
-            "gc = {:e} J/m2 with spheres of {:.3e} m gives a plain body a strength in tension of about {:.1e} Pa",
-            self.gc, self.diameter, self.tensile_strength
-        )
+        let size = format!("gc = {:e} J/m2 with spheres of {:.3e} m", self.gc, self.diameter);
+        let strength = self
+            .tensile_strength
+            .map(|strength| format!(" gives a plain body a strength in tension of about {strength:.1e} Pa"));
+        let softening = self.softening.map(|s| {
+            let Softening { peak, largest, .. } = s;
+            format!(" lets beams soften from {peak:e} Pa on, as with any below {largest:.3e} m")
+        });
+        [Some(size), strength, softening].into_iter().flatten().collect()
+    }
+
+    /// Warning about bonds that do not soften.
+    pub(super) fn warning(&self) -> Option<String> {
+        let n = self.softening.map(|s| s.snapping).filter(|n| *n > 0)?;
+        Some(format!(
+            "by their scatter {n} bonds are so strong that they cannot soften: they break at once and release more than gc; take less \
+             scatter, smaller spheres or a lower strength"
+        ))
     }
 }
 

@@ -15,7 +15,7 @@ use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::Surface;
 use arlequin::dem_beam::packing::Container;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 /// Number of sides of the polygon that stands for the circle of a cylinder; its area is that of the circle.
@@ -168,6 +168,44 @@ fn clip(polygon: Vec<Point3<f64>>, depth: &dyn Fn(&Point3<f64>) -> f64, slack: f
     out
 }
 
+/// Returns the triangles with their longest edges halved until none is longer than `edge` \[m\].
+pub(super) fn refined(triangles: Vec<Triangle>, edge: f64) -> Vec<Triangle> {
+    let (mut coarse, mut out) = (triangles, Vec::new());
+    while let Some([a, b, c]) = coarse.pop() {
+        // The same cyclic order keeps the side that faces outwards.
+        let turned = [[a, b, c], [b, c, a], [c, a, b]];
+        let length = |t: &Triangle| (t[1] - t[0]).norm();
+        let longest = turned.into_iter().max_by(|s, t| length(s).total_cmp(&length(t)));
+        let [a, b, c] = longest.unwrap_or([a, b, c]);
+        if (b - a).norm() <= edge {
+            out.push([a, b, c]);
+        } else {
+            let middle = arlequin::core::nalgebra::center(&a, &b);
+            coarse.extend([[a, middle, c], [middle, b, c]]);
+        }
+    }
+    out
+}
+
+/// Returns the share of the triangles' area that has no sphere below it: no centre of `points` lies in its
+/// cell of the size of a mean diameter \[m\], nor beside it.
+pub(super) fn bare_share(triangles: Vec<Triangle>, points: &[Point3<f64>], diameter: f64) -> f64 {
+    let cell = |x: &Point3<f64>| [x.x, x.y, x.z].map(|c| (c / diameter).floor() as i64);
+    let filled: BTreeSet<[i64; 3]> = points.iter().map(cell).collect();
+    let is_bare = |t: &Triangle| {
+        let [i, j, k] = cell(&centre(t));
+        let beside = |n: i64| [i + n / 9 - 1, j + n / 3 % 3 - 1, k + n % 3 - 1];
+        !(0..27).any(|n| filled.contains(&beside(n)))
+    };
+    let (mut bare, mut whole) = (0.0, 0.0);
+    for t in refined(triangles, diameter) {
+        let area = area_vector(&t).norm();
+        whole += area;
+        bare += if is_bare(&t) { area } else { 0.0 };
+    }
+    bare / whole
+}
+
 /// Returns a triangle as a facet without nodes.
 pub(super) fn facet(t: &Triangle) -> SurfaceFacet<f64> {
     let vector = area_vector(t);
@@ -275,5 +313,26 @@ mod tests {
             // Half a side of the polygon turns the normal by 1/80.
             assert!(error < 0.03, "{k}: {error}");
         }
+    }
+
+    /// Refined triangles keep area and direction; half of a face without spheres counts as half.
+    #[test]
+    fn a_face_without_spheres_is_bare() {
+        let face = cuboid([0.0; 3], [8.0, 8.0, 1.0]).remove("z-max").expect("a face");
+        let fine = refined(face.clone(), 0.3);
+        let sum: Vector3<f64> = fine.iter().map(area_vector).sum();
+        assert!((sum - Vector3::z() * 64.0).norm() < 1e-12, "{sum:?}");
+        let edges = fine
+            .iter()
+            .flat_map(|t| [(0, 1), (1, 2), (2, 0)].map(|(a, b)| (t[b] - t[a]).norm()));
+        assert!(edges.fold(0.0, f64::max) <= 0.3);
+        let spheres = |rows: usize| -> Vec<Point3<f64>> {
+            let place = |k: usize| Point3::new((k / 8) as f64 + 0.5, (k % 8) as f64 + 0.5, 0.5);
+            (0..8 * rows).map(place).collect()
+        };
+        assert!(bare_share(face.clone(), &spheres(8), 1.0) <= 0.0);
+        // The row beside the last spheres counts as covered.
+        let bare = bare_share(face, &spheres(4), 1.0);
+        assert!((bare - 3.0 / 8.0).abs() < 1e-9, "{bare}");
     }
 }

@@ -7,7 +7,7 @@
 
 use super::body::Body;
 use super::names::{loaded_parts, model_index};
-use super::{load, select};
+use super::{load, select, skin};
 use crate::error::{Result, core};
 use crate::setup::LoweredScene;
 use crate::spec::Load;
@@ -16,6 +16,8 @@ use arlequin::core::{Coupled, Uniform, Weight};
 
 /// Largest relative deviation of a load that is tolerated.
 const SAME: f64 = 0.01;
+/// Largest share of a surface without spheres that is tolerated.
+const BARE: f64 = 0.05;
 
 /// Points at which a load acts, with their shares of the load; the shares sum to one.
 #[derive(Debug)]
@@ -27,6 +29,8 @@ pub(super) struct Total {
     reach: f64,
     /// Area of the loaded surface \[m²\].
     area: f64,
+    /// Share of the loaded surface of particles that no sphere touches any more.
+    bare: f64,
 }
 
 /// Loads of a scene, except those on a body with zones, which are distributed exactly over its models.
@@ -40,11 +44,15 @@ pub(super) fn collect(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Total
         }
         let body = &bodies[model];
         let key_path = format!("{path}.where");
+        let mut bare = 0.0;
         let mut parts: Vec<_> = match select::facets(&key_path, body, &l.at)? {
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
             None => match load::on_surface_of_spheres(l, body) {
                 Some(skin) => {
                     let carriers = load::carriers(&path, l, body, skin)?.0;
+                    let points: Vec<_> = carriers.values().map(|c| c.point).collect();
+                    let triangles = skin.select(&key_path, &l.model, &l.at, body.spacing)?;
+                    bare = skin::bare_share(triangles, &points, body.spacing);
                     carriers.values().map(|c| (c.point, c.area)).collect()
                 }
                 None => {
@@ -70,6 +78,7 @@ pub(super) fn collect(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Total
             parts,
             reach: body.spacing,
             area,
+            bare,
         });
     }
     Ok(out)
@@ -93,9 +102,9 @@ pub(super) fn warnings(scene: &LoweredScene, totals: &[Total], run: &Coupled<f64
         let l = &scene.load[t.load];
         let pressure = l.pressure.map(f64::to_bits);
         let numbers = [l.force, l.torque, l.traction].map(|v| v.map(bits));
-        (l.name.clone(), pressure, numbers)
+        (l.name.clone(), pressure, numbers, l.profile.clone())
     };
-    let mut out = Vec::new();
+    let mut out: Vec<String> = totals.iter().filter_map(bare).collect();
     for (k, first) in totals.iter().enumerate() {
         if totals[..k].iter().any(|t| key(t) == key(first)) {
             continue;
@@ -118,6 +127,18 @@ pub(super) fn warnings(scene: &LoweredScene, totals: &[Total], run: &Coupled<f64
         );
     }
     out
+}
+
+/// Message about a traction or pressure on a surface of which notches took the spheres.
+fn bare(t: &Total) -> Option<String> {
+    (t.bare > BARE).then(|| {
+        format!(
+            "load[{}]: {:.0} % of its surface has no sphere; the spheres beside carry that part as well: give where.box, a box around \
+             the part that is there",
+            t.load,
+            100.0 * t.bare
+        )
+    })
 }
 
 fn weight<'a>(t: &Total, run: &'a Coupled<f64>) -> &'a dyn Weight<f64> {

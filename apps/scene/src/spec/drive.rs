@@ -206,6 +206,9 @@ pub struct Load {
     pub force: Option<[f64; 3]>,
     /// Pressure against the outward normal \[Pa\].
     pub pressure: Option<f64>,
+    /// Factor on `traction` or `pressure` by the place: an expression of `x`, `y` and `z` \[m\], such as
+    /// `"exp(-(x^2 + y^2)/(1e-3)^2)"` for a spot. Excludes `force` and `torque`. Default: 1 everywhere.
+    pub profile: Option<String>,
     /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over
     /// particles).
     #[schemars(transform = schema::not_zero)]

@@ -26,7 +26,8 @@ pub struct Static {
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub end: f64,
     /// Relative residual at which relaxation ends: largest unbalanced force over the largest internal force
-    /// since the load step before.
+    /// since the load step before; the unbalanced forces of a model must also sum up to less than ten times
+    /// this share of its loads and reactions.
     #[serde(default = "tolerance")]
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub tolerance: f64,

@@ -127,3 +127,34 @@ fn an_obstacle_presses_a_block_at_rest_with_the_force_of_its_bed() {
         assert!(top > 1.0 && ball.iter().zip(bed).all(|(a, b)| (a + b).abs() < 1e-3 * top));
     }
 }
+
+/// Two arms that are drawn apart after their root has cracked: the body swings slowly about the grips, with
+/// small forces on each particle. At a tolerance of 1e-3 of the largest force in a bond, the two grips
+/// differed by a factor of six.
+#[test]
+fn grips_of_a_cracked_body_balance_each_other() {
+    let mut text = "[model.arm]\nkind = \"dem\"\nspacing = 0.4e-3\ndem.protocol = \"quench\"\n\
+         shape.box = { low = [0.0, -2e-3, 0.0], high = [14e-3, 2e-3, 1.6e-3] }\n\
+         material = { young = 75e9, poisson = 0.17, density = 2200.0 }\n\
+         dem.notch = [{ plane = { point = [0.0, 0.0, 0.0], normal = [0.0, 1.0, 0.0], \
+         within = { low = [0.0, -2e-3, 0.0], high = [6e-3, 2e-3, 1.6e-3] } } }]\n\
+         [[support]]\nmodel = \"arm\"\nwhere = \"x-max\"\ncomponents = [\"x\", \"z\"]\n\
+         [[effect]]\nfracture = { gc = 8.0 }\n[static]\nsteps = 10\ntolerance = 1e-3\n"
+        .to_owned();
+    for (name, low, high, sign) in [("upper", "0.0", "2e-3", ""), ("lower", "-2e-3", "0.0", "-")] {
+        text += &format!(
+            "[[support]]\nname = \"{name}\"\nmodel = \"arm\"\ncomponents = [\"y\"]\n\
+             where.box = {{ low = [0.0, {low}, 0.0], high = [0.6e-3, {high}, 1.6e-3] }}\n\
+             motion = {{ amplitude = {sign}15e-6, time.table = [[0.0, 0.0], [1.0, 1.0]] }}\n\
+             [probe.{name}]\nof = \"{name}\"\nquantity = \"force\"\ncomponent = \"y\"\n"
+        );
+    }
+    let results = run(&text);
+    let [upper, lower] = ["upper", "lower"].map(|name| results.probe(name).unwrap().1);
+    let steps = &results.summary().load_steps;
+    println!("{upper:?} N, {lower:?} N, {steps:?}");
+    assert!(steps.iter().filter(|s| s.method == "relaxed").count() >= 4);
+    // Ten times the tolerance, of both grips.
+    let balanced = |(u, l): (&f64, &f64)| (u + l).abs() <= 1.01e-2 * (u.abs() + l.abs());
+    assert!(upper.iter().zip(lower).all(balanced));
+}

@@ -194,3 +194,56 @@ fn surfaces_without_spheres_are_refused_by_name() {
     let e = refused(&text.replace("coordination = 4.0", "coordination = 4.35"));
     assert!(e.contains("too few spheres of model 'rock' touch 'x-max'"), "{e}");
 }
+
+/// A pressure with a profile has the force and moment of its integral over the face, and acts where the
+/// profile says.
+#[test]
+fn a_pressure_may_have_a_profile() {
+    let spot = |profile: &str| {
+        grains(
+            BLOCK,
+            &load(
+                " = \"x-max\"",
+                &format!("pressure = 1e-3\nprofile = \"{profile}\""),
+            ),
+        )
+    };
+    // `∫ y dA` = 9, `∫ y² dA` = 18 and `∫ y z dA` = 9 over the face of 3 by 2; each facet has the value of
+    // its centre, which is exact for linear profiles.
+    let linear = spot("y");
+    assert_same(&linear, [-9e-3, 0.0, 0.0, 0.0, -9e-3, 18e-3], 1e-2);
+    // A strip a quarter as high: pressure on `y < 0.75`.
+    let strip = spot("step(0.75 - y)");
+    assert_same(&strip, [-1.5e-3, 0.0, 0.0, 0.0, -1.5e-3, 0.5625e-3], 5e-2);
+    let body = spot("y").replace("pressure = 1e-3", "force = [1.0, 0.0, 0.0]");
+    assert!(refused(&body).contains("load[0].profile: is that of a traction or a pressure"));
+    for (profile, words) in [
+        ("t", "knows no 't'; it knows x, y and z, the place in m"),
+        ("1/(x - 4)", "load[0].profile"),
+        ("y +", "ends where"),
+    ] {
+        let message = refused(&spot(profile));
+        assert!(
+            message.contains(words) && message.contains("load[0].profile"),
+            "{message}"
+        );
+    }
+}
+
+/// Where a notch has taken half of a face, a traction on the whole face loads the other half with all of it.
+#[test]
+fn a_face_that_a_notch_has_taken_is_told() {
+    let pressed = |notch: &str| {
+        let text = grains(BLOCK, &load(" = \"x-max\"", "pressure = 1e-3"));
+        let text = text.replace("spacing = 0.5", &format!("spacing = 0.25{notch}"));
+        prepared(&text).expect("a scene").warnings().to_vec()
+    };
+    let told = |warnings: &[String]| {
+        warnings
+            .iter()
+            .any(|w| w.contains("load[0]: ") && w.contains("has no sphere"))
+    };
+    assert!(!told(&pressed("")));
+    let half = pressed("\ndem.notch = [{ low = [3.0, -1.0, -1.0], high = [5.0, 1.5, 3.0] }]");
+    assert!(told(&half), "{half:?}");
+}

@@ -1,5 +1,5 @@
-//! Double cantilever at rest: the energy that a running crack takes, by the load, by the opening and by the
-//! work of the grips.
+//! Double cantilever at rest: the energy that a running crack takes, by the load, by the opening, by the
+//! compliance and by the work of the grips.
 
 use super::check::{Accept, Check};
 use super::{Figure, Report, Runs, last, measured};
@@ -37,6 +37,23 @@ fn root() -> f64 {
 fn by_load(force: f64, crack: f64, net: f64) -> f64 {
     let [_, height, thickness, _] = BEAM;
     12.0 * (force * (crack + root() * height)).powi(2) / (SILICA[0] * thickness * net * height.powi(3))
+}
+
+/// Energy released per area `F²/(2 B_n) dC/da` \[J/m²\] for rows of crack length \[m\], load \[N\] and
+/// opening \[m\]. The compliance follows `C = (p + s a)³`, fitted by least squares of its cube root (Berry
+/// 1963): that of beams, with a stiffness and a root correction of its own in place of those of the closed form.
+fn by_compliance(rows: &[[f64; 3]], net: f64) -> Vec<f64> {
+    let count = rows.len() as f64;
+    let root = |r: &[f64; 3]| (r[2] / r[1]).cbrt();
+    let mean = |f: &dyn Fn(&[f64; 3]) -> f64| rows.iter().map(f).sum::<f64>() / count;
+    let (crack, middle) = (mean(&|r| r[0]), mean(&root));
+    let along = mean(&|r| (r[0] - crack) * (root(r) - middle));
+    let slope = along / mean(&|r| (r[0] - crack).powi(2));
+    let release = |r: &[f64; 3]| {
+        let fitted = middle + slope * (r[0] - crack);
+        1.5 * r[1].powi(2) * slope * fitted.powi(2) / net
+    };
+    rows.iter().map(release).collect()
 }
 
 /// J \[J/m²\] of a double cantilever of finite elements over that of its load.
@@ -81,6 +98,8 @@ pub struct Taken {
     pub by_load: f64,
     /// Mean of `3 F δ/(2 B_n (a + χ h))`, which needs no modulus.
     pub by_opening: f64,
+    /// Mean of `F²/(2 B_n) dC/da` with the measured compliance `C = δ/F`; see [`by_compliance`].
+    pub by_compliance: f64,
     /// Energy that the bonds released.
     pub released: f64,
     /// Share of the breaks that lie in an arm.
@@ -127,15 +146,20 @@ pub fn taken(seed: u64) -> Result<Taken> {
         let lever = crack - LOAD;
         let closed = by_load(*force, lever, net);
         let open = 1.5 * force * opening / (net * (lever + root() * height));
-        rows.push([crack, work - 0.5 * force * opening, closed, open]);
+        rows.push([crack, work - 0.5 * force * opening, closed, open, *force, opening]);
     }
     rows.retain(|r| r[0] > ENDS[0] && r[0] <= ENDS[1]);
+    let measured: Vec<[f64; 3]> = rows.iter().map(|r| [r[0], r[4], r[5]]).collect();
+    for (row, release) in rows.iter_mut().zip(by_compliance(&measured, net)) {
+        row[4] = release;
+    }
     let steps = rows.iter().map(|r| [r[0], r[2]]).collect();
     let (Some(first), Some(end)) = (rows.first(), rows.last()) else {
         return Ok(Taken {
             lost: f64::NAN,
             by_load: f64::NAN,
             by_opening: f64::NAN,
+            by_compliance: f64::NAN,
             released: f64::NAN,
             strays,
             steps,
@@ -152,6 +176,7 @@ pub fn taken(seed: u64) -> Result<Taken> {
         lost: (end[1] - first[1]) / (length * net),
         by_load: mean(2),
         by_opening: mean(3),
+        by_compliance: mean(4),
         released: path.released_per_area(),
         strays,
         steps,
@@ -201,6 +226,12 @@ pub(super) fn dcb(done: &Runs) -> Result<Report> {
             "two ways to one energy",
         ),
         row(
+            "energy by compliance over energy lost",
+            &over(&|t| t.by_compliance / t.lost),
+            Accept::Relative(0.1),
+            "two ways to one energy",
+        ),
+        row(
             "energy lost per area over gc",
             &over(&|t| t.lost / gc),
             Accept::Relative(0.12),
@@ -229,4 +260,34 @@ pub(super) fn dcb(done: &Runs) -> Result<Report> {
         checks,
         figures: vec![figure],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of crack, load and opening under which a beam of any stiffness and root correction takes 5 J/m².
+    #[test]
+    fn ways_to_the_energy_of_a_beam_agree() {
+        let [_, height, thickness, net] = BEAM;
+        let row = |k: usize, young: f64, root: f64| {
+            let lever = 14e-3 + 1e-3 * k as f64 - LOAD + root * height;
+            // `C = 8 (a + χ h)³/(E B h³)`.
+            let compliance = 8.0 * lever.powi(3) / (young * thickness * height.powi(3));
+            let slope = 3.0 * compliance / lever;
+            let force = (2.0 * net * 5.0 / slope).sqrt();
+            [lever + LOAD - root * height, force, force * compliance]
+        };
+        for (young, root) in [(SILICA[0], root()), (60e9, 1.0)] {
+            let rows: Vec<[f64; 3]> = (0..10).map(|k| row(k, young, root)).collect();
+            let found = by_compliance(&rows, net);
+            assert!(found.iter().all(|g| (g / 5.0 - 1.0).abs() < 1e-9), "{found:?}");
+        }
+        let [crack, force, opening] = row(3, SILICA[0], root());
+        assert!((by_load(force, crack - LOAD, net) / 5.0 - 1.0).abs() < 1e-9);
+        let open = 1.5 * force * opening / (net * (crack - LOAD + root() * height));
+        assert!((open / 5.0 - 1.0).abs() < 1e-9);
+        // The root of a beam on an elastic foundation: `λ⁴ = k/(4 E I)` with `k = 2 E B/h`, `I = B h³/12`.
+        assert!((root().powi(-4) - 6.0).abs() < 1e-12);
+    }
 }

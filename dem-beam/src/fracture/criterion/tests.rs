@@ -77,3 +77,22 @@ fn the_load_is_continuous_and_falls_with_compression() {
         assert!(last <= 0.5 * at_rest);
     }
 }
+
+/// A bent beam with the largest bending stress `m` under a compression of `m/2`: half of the tension remains,
+/// and a quarter of the energy of bending is the load.
+#[test]
+fn the_load_of_a_compressed_beam_goes_as_the_square_of_the_tension_that_remains() {
+    let s = section();
+    for turn in [[1e-3, -1e-3], [1e-3, 1e-3], [2e-3, 0.0]] {
+        let bending = Criterion::bending(&s, &strain(0.0, 0.0, turn)) / s.young;
+        let [at_rest, _] = loads(0.0, 0.0, turn);
+        for share in [0.25, 0.5, 0.9] {
+            let [load, _] = loads(-share * bending, 0.0, turn);
+            let wanted = (1.0 - share).powi(2) * at_rest;
+            assert!(
+                (load / wanted - 1.0).abs() < 1e-9,
+                "{share} {turn:?}: {load:e} {wanted:e}"
+            );
+        }
+    }
+}

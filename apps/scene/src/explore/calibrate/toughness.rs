@@ -240,3 +240,34 @@ impl ToughnessResult {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A long strip of finite elements releases `E u²/(2 (1 − ν²) H)`, whatever the length of its crack.
+    #[test]
+    fn the_twin_releases_what_strip_theory_says() {
+        let [nu, height, u] = [0.3, 9e-3, 2e-6];
+        let strip = Strip {
+            low: [0.0; 3],
+            size: [40e-3, 10e-3, 1.2e-3],
+            young: 70e9,
+        };
+        let test = Toughness {
+            height,
+            elongation: u,
+            first: 0.5 * u,
+            lost: 1.0,
+            released: 1.0,
+            broken: 1.0,
+            speed: 0.01,
+        };
+        let j = twin(&strip, height, nu).expect("a twin") * u * u;
+        let row = line(Some(1), &strip, nu, j, &test);
+        let theory = 70e9 * u * u / (2.0 * (1.0 - nu * nu) * height);
+        assert!((row.theory / theory - 1.0).abs() < 1e-12, "{row:?}");
+        assert!((row.first / theory - 0.25).abs() < 1e-12, "{row:?}");
+        assert!((row.j / theory - 1.0).abs() < 0.03, "{row:?}");
+    }
+}

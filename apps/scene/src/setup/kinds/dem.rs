@@ -7,7 +7,7 @@ use crate::setup::files::is;
 use crate::setup::filling::{Filling, Recipe, beam, beyond_the_table, unlike_its_material, unlike_the_body};
 use crate::setup::kind::{Feature, Kind, Order};
 use crate::setup::mesh::{self, Grid};
-use crate::setup::packing::{Likeness, PackingLine};
+use crate::setup::packing::{Likeness, PackingLine, Toughness};
 use crate::setup::skin::Skin;
 use crate::setup::zone::Twin;
 use crate::setup::{BodyShape, LoweredModel, LoweredScene, fracture, grains, materials, notch};
@@ -214,6 +214,7 @@ impl Kind for Dem {
             line,
             Skin::new(&table.shape, &filling),
         )?;
+        warnings.extend(grains.packing.toughness.as_ref().and_then(Toughness::warning));
         let field: Arc<dyn Interpolation<f64>> = match table.dem.field {
             ParticleFieldKind::Natural => {
                 let natural = NaturalField::from_points(model.nodes(), Interpolant::Laplace);
