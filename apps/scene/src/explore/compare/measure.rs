@@ -1,5 +1,6 @@
 //! Measurements of a coupling: waves across the overlap, uniform strain, a random state.
 
+use super::Row;
 use super::case::Case;
 use super::method::Coupling;
 use super::system::{Places, System};
@@ -140,32 +141,31 @@ impl Wave {
 /// Starts a wave and lets it run for a time; returns the energy \[J\] at the begin, and at the end beyond the
 /// overlap and in all.
 pub(super) fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
-    let places = method.whole().places.clone();
-    let [q, v] = wave.state(&places);
-    method.reset(&q, &v);
-    let before = at_whole_step(method);
+    start(method, wave);
+    let before = method.whole_energy();
     advance(method, time);
-    [before, beyond(method), at_whole_step(method)]
+    [before, beyond(method), method.whole_energy()]
 }
 
-/// Energy of both models \[J\] from displacements and velocities at the same instant.
-pub(super) fn at_whole_step(method: &dyn Coupling) -> f64 {
-    let [q, v] = method.motion();
-    method.whole().energies(&q, &v).iter().sum()
+fn start(method: &mut dyn Coupling, wave: &Wave) {
+    let [q, v] = wave.state(&method.whole().places);
+    method.reset(&q, &v);
 }
 
-/// Makes the steps nearest to a time.
-fn advance(method: &mut dyn Coupling, time: f64) {
-    for _ in 0..(time / method.pace().step).round() as usize {
-        method.advance();
-    }
+/// Makes the steps nearest to a time, one at least, and returns their number.
+fn advance(method: &mut dyn Coupling, time: f64) -> f64 {
+    let steps = (time / method.pace().step).round().max(1.0);
+    (0..steps as usize).for_each(|_| method.advance());
+    steps
 }
 
 /// Energy in the coarse model's own region \[J\].
 fn beyond(method: &dyn Coupling) -> f64 {
-    let [q, v] = method.motion();
     let system = method.whole();
-    let parts = system.energies(&q, &v).into_iter().zip(&system.places.x);
+    let parts = system
+        .energies(&method.motion())
+        .into_iter()
+        .zip(&system.places.x);
     parts.filter(|(_, x)| **x < 0.0).map(|(e, _)| e).sum()
 }
 
@@ -178,7 +178,7 @@ pub(super) struct Profile(Vec<[f64; 2]>);
 fn layers(system: &System, q: &[f64], thickness: f64) -> Vec<[f64; 2]> {
     let places = &system.places;
     let mut sums = BTreeMap::<i64, [f64; 3]>::new();
-    for i in (0..system.size()).filter(|i| places.axial[*i] != 0.0 && system.mass[*i] > 0.0) {
+    for i in system.axial() {
         let sum = sums.entry((places.x[i] / thickness).round() as i64).or_default();
         let m = system.mass[i] * places.axial[i].powi(2);
         sum[0] += m;
@@ -198,74 +198,85 @@ impl Profile {
     }
 }
 
-/// Results of the pulse from the fine model.
-pub(super) struct Passage {
-    /// Share of the energy that did not pass.
-    pub(super) reflected: f64,
-    /// Error of the displacements beyond the overlap against the fine model everywhere.
-    pub(super) error: Option<f64>,
-    /// Displacements, if they are the reference.
-    pub(super) profile: Profile,
-    /// Relative change of the energy over ten times the passage.
-    pub(super) drift: f64,
+/// Measures one method; critical step, cost and time are no ratios yet. Returns also the displacements behind
+/// the pulse.
+pub(super) fn row(
+    name: &str,
+    (setup, m): (f64, &mut dyn Coupling),
+    waves: &Waves,
+    reference: Option<&Profile>,
+) -> Result<(Row, Profile)> {
+    let (wave, time) = waves.pulse(true);
+    let [before, coarse, after] = run(m, &wave, time);
+    let (pulse_error, profile) = arrival(m, time, waves, reference);
+    start(m, &wave);
+    let begin = m.energy();
+    advance(m, PASSAGES * time);
+    let pulse_drift = m.energy() / begin - 1.0;
+    let (up, above) = (up(m, waves), above(m, waves));
+    let noise = noise(m, waves);
+    let pace = m.pace();
+    let row = Row {
+        method: name.to_owned(),
+        // What has left the method altogether was not reflected.
+        down: (after - coarse) / before,
+        patch: patch(m, waves)?,
+        momentum: noise.momentum,
+        drift: noise.drift,
+        critical: pace.critical,
+        time: noise.seconds / pace.step,
+        // After the runs: how often an alternation alternates is known by then.
+        cost: m.work() / pace.step,
+        pulse_error,
+        pulse_drift,
+        setup,
+        above,
+        up,
+    };
+    Ok((row, profile))
 }
 
-/// Sends the pulse from the fine model.
-pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&Profile>) -> Passage {
-    let (wave, time) = waves.pulse(true);
-    let [before, coarse, all] = run(method, &wave, time);
-    let [mut q, v] = method.motion();
+/// Error of the displacements beyond the overlap against the fine model everywhere, a time after the start,
+/// and the displacements by layers.
+fn arrival(
+    m: &dyn Coupling,
+    time: f64,
+    waves: &Waves,
+    reference: Option<&Profile>,
+) -> (Option<f64>, Profile) {
+    let [mut q, v] = m.motion();
     // All methods are compared at one instant, whatever their steps.
-    let step = method.pace().step;
+    let step = m.pace().step;
     let left = time - (time / step).round() * step;
     q.iter_mut().zip(&v).for_each(|(q, v)| *q += left * v);
-    let system = method.whole();
-    let squares = |p: &Profile| {
+    let (system, places) = (m.whole(), &m.whole().places);
+    let error = reference.map(|p| {
         let mut sums = [0.0; 2];
-        let places = &system.places;
-        for i in
-            (0..q.len()).filter(|i| places.x[*i] < 0.0 && places.axial[*i] != 0.0 && system.mass[*i] > 0.0)
-        {
+        for i in system.axial().filter(|i| places.x[*i] < 0.0) {
             let wanted = p.value(places.x[i]) * places.axial[i];
             sums[0] += system.mass[i] * (q[i] - wanted).powi(2);
             sums[1] += system.mass[i] * wanted * wanted;
         }
         (sums[0] / sums[1]).sqrt()
-    };
-    let (error, profile) = (
-        reference.map(squares),
-        Profile(layers(system, &q, waves.spacing[1])),
-    );
-    let [q, v] = wave.state(&method.whole().places.clone());
-    method.reset(&q, &v);
-    let start = method.energy();
-    advance(method, PASSAGES * time);
-    Passage {
-        drift: method.energy() / start - 1.0,
-        error,
-        profile,
-        // What has left the method altogether was not reflected.
-        reflected: (all - coarse) / before,
-    }
+    });
+    (error, Profile(layers(system, &q, waves.spacing[1])))
 }
 
 /// Share of the energy of the pulse from the coarse model that comes back.
-pub(super) fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
+fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
     let (wave, time) = waves.pulse(false);
     let [before, coarse, _] = run(method, &wave, time);
     coarse / before
 }
 
 /// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
-pub(super) fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
+fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
     let (wave, time) = waves.packet(waves.wavelength?);
-    let places = method.whole().places.clone();
-    let [q, v] = wave.state(&places);
-    method.reset(&q, &v);
+    start(method, &wave);
     // At whole steps the energies of short waves oscillate; the invariant does not.
     let before = method.energy();
     advance(method, time);
-    let share = beyond(method) / at_whole_step(method);
+    let share = beyond(method) / method.whole_energy();
     Some((1.0 - share) * method.energy() / before)
 }
 
@@ -274,34 +285,23 @@ pub(super) struct Noise {
     /// Relative change of the energy.
     pub(super) drift: f64,
     /// Change of the momentum over the sum of its moduli.
-    pub(super) momentum: f64,
+    momentum: f64,
     /// Wall time of a step of the run \[s\].
-    pub(super) seconds: f64,
-}
-
-/// Momentum along the axis \[kg m/s\], and the sum of its moduli.
-fn momentum(method: &dyn Coupling) -> [f64; 2] {
-    method.whole().momentum(&method.motion()[1])
+    seconds: f64,
 }
 
 /// Runs from random velocities of all displacements.
 pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
-    let places = method.whole().places.clone();
     let mut next = random(1);
-    let v: Vec<f64> = places
-        .moves
-        .iter()
-        .map(|m| if *m { next() } else { 0.0 })
-        .collect();
+    let moves = method.whole().places.moves.iter();
+    let v: Vec<f64> = moves.map(|m| if *m { next() } else { 0.0 }).collect();
     method.reset(&vec![0.0; v.len()], &v);
+    let momentum = |m: &dyn Coupling| m.whole().momentum(&m.motion()[1]);
     let (energy, [before, size]) = (method.energy(), momentum(method));
-    let steps = (waves.random / method.pace().step).round().max(1.0) as usize;
     let begin = Instant::now();
-    for _ in 0..steps {
-        method.advance();
-    }
+    let steps = advance(method, waves.random);
     Noise {
-        seconds: begin.elapsed().as_secs_f64() / steps as f64,
+        seconds: begin.elapsed().as_secs_f64() / steps,
         drift: method.energy() / energy - 1.0,
         momentum: (momentum(method)[0] - before).abs() / size,
     }
@@ -309,9 +309,8 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
 
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the
 /// method has no equilibrium.
-pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
-    let system = method.whole();
-    let places = &system.places;
+fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
+    let (system, places) = (method.whole(), &method.whole().places);
     let layer = 0.6 * waves.spacing[1];
     let ends = places
         .x
@@ -320,14 +319,11 @@ pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>>
             [a.min(*x), b.max(*x)]
         });
     let at_end = |x: f64| x <= ends[0] + layer || x >= ends[1] - layer;
-    let held: Vec<bool> = (0..system.size())
-        .map(|i| places.axial[i] != 0.0 && at_end(places.x[i]))
-        .collect();
-    let q: Vec<f64> = places.x.iter().zip(&places.axial).map(|(x, a)| x * a).collect();
-    let Some(q) = method.equilibrium(&q, &held)? else {
-        return Ok(None);
-    };
-    Ok(Some(deviation(system, &q, waves)))
+    let unknowns = places.x.iter().zip(&places.axial);
+    let held: Vec<bool> = unknowns.clone().map(|(x, a)| *a != 0.0 && at_end(*x)).collect();
+    let q: Vec<f64> = unknowns.map(|(x, a)| x * a).collect();
+    let q = method.equilibrium(&q, &held)?;
+    Ok(q.map(|q| deviation(system, &q, waves)))
 }
 
 /// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the

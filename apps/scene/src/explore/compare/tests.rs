@@ -131,10 +131,14 @@ fn alternation_changes_the_energy_of_a_cantilever() {
                 .replace("fine = [0.5588, ", &format!("fine = [{high}, "))
                 .replacen("spacing = 12.7e-3", &format!("spacing = {}", 6.35e-3 / ratio), 1);
             let mut case = case(&text, &[]);
-            let x: Vec<f64> = case.places.x.iter().map(|x| low + x).collect();
-            // Without a mass that counts, the clamped nodes do not move.
-            let clamped = (0..x.len()).filter(|i| x[*i].abs() < 1e-9);
-            clamped.for_each(|i| case.full[i] = f64::INFINITY);
+            let mut x = Vec::new();
+            for part in &mut case.parts[..2] {
+                let places = part.places.x.iter().map(|x| low + x).collect::<Vec<_>>();
+                // Without a mass that counts, the clamped nodes do not move.
+                let clamped = (0..places.len()).filter(|i| places[*i].abs() < 1e-9);
+                clamped.for_each(|i| part.full[i] = f64::INFINITY);
+                x.extend(places);
+            }
             let bent = |(i, x): (usize, &f64)| if i % 3 == 1 { 0.393_701 * x * x } else { 0.0 };
             let q: Vec<f64> = x.iter().enumerate().map(bent).collect();
             let mut drift = |word| {

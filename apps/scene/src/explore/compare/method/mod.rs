@@ -1,17 +1,15 @@
-//! Methods that couple the two models of a case, one file each.
+//! Methods that couple the two models of a case, by their form.
 
-mod arlequin;
-mod augmented;
 mod blend;
 mod bridging;
-mod edge;
+mod multipliers;
 mod multistep;
-mod penalty;
+mod particles;
 mod quasicontinuum;
 mod schwarz;
 
 use super::case::Case;
-use super::reflections::Pace;
+use super::reflections::{Pace, Reflections};
 use super::system::System;
 use crate::error::Result;
 use crate::spec::Method;
@@ -36,10 +34,14 @@ pub(super) trait Coupling {
     /// Displacements and velocities of all unknowns.
     fn motion(&self) -> [Vec<f64>; 2];
 
+    /// Energy of both models \[J\] from displacements and velocities at the same instant.
+    fn whole_energy(&self) -> f64 {
+        self.whole().energies(&self.motion()).iter().sum()
+    }
+
     /// Energy that an exact method would keep \[J\]; `½ vᵀMv + ½ qᵀKq` where no better one is known.
     fn energy(&self) -> f64 {
-        let [q, v] = self.motion();
-        self.whole().energies(&q, &v).iter().sum()
+        self.whole_energy()
     }
 
     /// Multiplications of one step of the run.
@@ -60,25 +62,25 @@ pub(super) trait Coupling {
 /// A method that has no meaning in the scene, by name.
 pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Box<dyn Coupling>> {
     Ok(match method {
-        Method::Arlequin => Box::new(arlequin::energy(case)?),
-        Method::Nodal => Box::new(arlequin::nodal(case)?),
-        Method::Lumped => Box::new(arlequin::lumped(case)?),
-        Method::LumpedVelocities => Box::new(arlequin::lumped(case)?.once()),
-        Method::Edge => Box::new(edge::edge(case, true)?),
-        Method::EdgeWeak => Box::new(edge::edge(case, false)?),
-        Method::Penalty => Box::new(penalty::penalty(case, penalty)?),
-        Method::Augmented => Box::new(augmented::augmented(case)?),
+        Method::Arlequin => Box::new(multipliers::arlequin(case)?),
+        Method::Nodal => Box::new(multipliers::nodal(case)?),
+        Method::Lumped => Box::new(multipliers::lumped(case)?),
+        Method::LumpedVelocities => Box::new(Reflections {
+            once: true,
+            ..multipliers::lumped(case)?
+        }),
+        Method::Augmented => Box::new(multipliers::augmented(case)?),
+        Method::Edge => Box::new(particles::edge(case, true)?),
+        Method::EdgeWeak => Box::new(particles::edge(case, false)?),
+        Method::Penalty => Box::new(particles::penalty(case, penalty)?),
         Method::Blend => Box::new(blend::blend(case)?),
         Method::Oniom => Box::new(blend::oniom(case)?),
         Method::BridgingScale => Box::new(bridging::Bridging::new(case)?),
         Method::Gc => Box::new(Multistep::new(case, Scheme::GravouilCombescure)?),
         Method::Ph => Box::new(Multistep::new(case, Scheme::PrakashHjelmstad)?),
         Method::Schwarz => Box::new(schwarz::Schwarz::new(case)?),
-        Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, None)?),
-        Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(
-            case,
-            Some(quasicontinuum::CLUSTER),
-        )?),
+        Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, false)?),
+        Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(case, true)?),
     })
 }
 
