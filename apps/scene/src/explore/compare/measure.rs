@@ -2,7 +2,7 @@
 
 use super::Row;
 use super::case::Case;
-use super::method::Coupling;
+use super::method::{Coupling, State};
 use super::system::{Places, System};
 use crate::error::Result;
 use std::collections::BTreeMap;
@@ -22,15 +22,14 @@ const RANDOM_STEPS: [f64; 2] = [500.0, 20_000.0];
 /// Waves that all methods of a board meet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves {
-    /// Half width of the pulse \[m\].
-    pub(super) half: f64,
-    /// Wavelength of the packet above the coarse cutoff \[m\]; `None` if the fine model cannot carry one.
-    pub(super) wavelength: Option<f64>,
-    /// Half width of the packet \[m\].
-    packet: f64,
+    /// The pulse from the fine and from the coarse model, and how long \[s\] it takes to pass.
+    pub(super) down: (Wave, f64),
+    up: (Wave, f64),
+    /// The packet above the coarse cutoff from the fine model, and how long \[s\] it takes to meet the overlap
+    /// and to leave it; `None` if the fine model cannot carry one.
+    pub(super) packet: Option<(Wave, f64)>,
     width: f64,
     spacing: [f64; 2],
-    speed: f64,
     /// Duration of the run from a random state \[s\].
     random: f64,
 }
@@ -42,67 +41,56 @@ impl Waves {
     /// Models that are too short for a pulse.
     pub(super) fn new(case: &Case, default: &dyn Coupling) -> Result<Self> {
         let [coarse, fine] = case.own_lengths()?;
-        let [h, d] = case.spacing;
+        let ([h, d], width, speed) = (case.spacing, case.width, case.speed);
         let half = (PULSE * h).min(FILLED * coarse).min(FILLED * fine);
-        // Elements carry nothing shorter than two spacings, particles hardly anything below four.
-        let wavelength = (0.8 * h).max(4.0 * d);
+        let pulse = |centre: f64, way: f64, velocity: f64| {
+            let wave = Wave::new(centre, half, f64::INFINITY, velocity);
+            (wave, (way + 1.2 * half) / speed)
+        };
         let steps = (RANDOM_WORK / default.work()).clamp(RANDOM_STEPS[0], RANDOM_STEPS[1]);
         Ok(Self {
-            wavelength: (wavelength < 1.6 * h).then_some(wavelength),
-            packet: (6.0 * wavelength).min(FILLED * fine),
-            random: steps.round() * default.pace().step,
-            width: case.width,
+            down: pulse(width + half + d, width + half + d, -speed),
+            up: pulse(-half - h, width + half + h, speed),
+            packet: packet(case, fine),
+            random: steps.round() * default.state().pace.step,
             spacing: case.spacing,
-            speed: case.speed,
-            half,
+            width,
         })
     }
+}
 
-    /// The pulse from the fine or from the coarse model, and how long it takes to pass.
-    pub(super) fn pulse(&self, from_fine: bool) -> (Wave, f64) {
-        let [h, d] = self.spacing;
-        let (centre, velocity, way) = if from_fine {
-            let centre = self.width + self.half + d;
-            (centre, -self.speed, centre)
-        } else {
-            (-self.half - h, self.speed, self.width + self.half + h)
-        };
-        let wave = Wave {
-            centre,
-            half: self.half,
-            wavenumber: 0.0,
-            velocity,
-        };
-        (wave, (way + 1.2 * self.half) / self.speed)
-    }
-
-    /// The packet from the fine model, and how long it takes to meet the overlap and to leave it.
-    fn packet(&self, wavelength: f64) -> (Wave, f64) {
-        let k = TAU / wavelength;
-        let phase = 0.5 * k * self.spacing[1];
-        let wave = Wave {
-            centre: self.width + self.packet + self.spacing[1],
-            half: self.packet,
-            wavenumber: k,
-            velocity: -self.speed * phase.sin() / phase,
-        };
-        (
-            wave,
-            (2.0 * self.packet + 2.5 * self.width) / (self.speed * phase.cos()),
-        )
-    }
+/// Elements carry nothing shorter than two spacings, particles hardly anything below four.
+fn packet(case: &Case, room: f64) -> Option<(Wave, f64)> {
+    let ([h, d], width) = (case.spacing, case.width);
+    let length = (0.8 * h).max(4.0 * d);
+    let half = (6.0 * length).min(FILLED * room);
+    let phase = PI * d / length;
+    let velocity = -case.speed * phase.sin() / phase;
+    let time = (2.0 * half + 2.5 * width) / (case.speed * phase.cos());
+    (length < 1.6 * h).then(|| (Wave::new(width + half + d, half, length, velocity), time))
 }
 
 /// Plane wave `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, that travels one way.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave {
     centre: f64,
-    half: f64,
-    wavenumber: f64,
+    /// Half width \[m\].
+    pub(super) half: f64,
+    /// Wavelength \[m\]; infinite for a pulse.
+    pub(super) length: f64,
     velocity: f64,
 }
 
 impl Wave {
+    fn new(centre: f64, half: f64, length: f64, velocity: f64) -> Self {
+        Self {
+            centre,
+            half,
+            length,
+            velocity,
+        }
+    }
+
     /// Displacement and velocity at a place.
     fn value(&self, x: f64) -> [f64; 2] {
         let y = (x - self.centre) / self.half;
@@ -110,9 +98,10 @@ impl Wave {
             return [0.0; 2];
         }
         let (c, s) = ((FRAC_PI_2 * y).cos(), (FRAC_PI_2 * y).sin());
-        let phase = self.wavenumber * (x - self.centre);
+        let wavenumber = TAU / self.length;
+        let phase = wavenumber * (x - self.centre);
         let slope = -2.0 * PI * c.powi(3) * s / self.half * phase.cos();
-        let slope = slope - self.wavenumber * c.powi(4) * phase.sin();
+        let slope = slope - wavenumber * c.powi(4) * phase.sin();
         [c.powi(4) * phase.cos(), -self.velocity * slope]
     }
 
@@ -148,24 +137,21 @@ pub(super) fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3]
 }
 
 fn start(method: &mut dyn Coupling, wave: &Wave) {
-    let [q, v] = wave.state(&method.whole().places);
+    let [q, v] = wave.state(&method.state().whole.places);
     method.reset(&q, &v);
 }
 
 /// Makes the steps nearest to a time, one at least, and returns their number.
 fn advance(method: &mut dyn Coupling, time: f64) -> f64 {
-    let steps = (time / method.pace().step).round().max(1.0);
+    let steps = (time / method.state().pace.step).round().max(1.0);
     (0..steps as usize).for_each(|_| method.advance());
     steps
 }
 
 /// Energy in the coarse model's own region \[J\].
 fn beyond(method: &dyn Coupling) -> f64 {
-    let system = method.whole();
-    let parts = system
-        .energies(&method.motion())
-        .into_iter()
-        .zip(&system.places.x);
+    let State { whole, now, .. } = method.state();
+    let parts = whole.energies(now).into_iter().zip(&whole.places.x);
     parts.filter(|(_, x)| **x < 0.0).map(|(e, _)| e).sum()
 }
 
@@ -206,7 +192,7 @@ pub(super) fn row(
     waves: &Waves,
     reference: Option<&Profile>,
 ) -> Result<(Row, Profile)> {
-    let (wave, time) = waves.pulse(true);
+    let (wave, time) = waves.down;
     let [before, coarse, after] = run(m, &wave, time);
     let (pulse_error, profile) = arrival(m, time, waves, reference);
     start(m, &wave);
@@ -215,7 +201,7 @@ pub(super) fn row(
     let pulse_drift = m.energy() / begin - 1.0;
     let (up, above) = (up(m, waves), above(m, waves));
     let noise = noise(m, waves);
-    let pace = m.pace();
+    let pace = m.state().pace;
     let row = Row {
         method: name.to_owned(),
         // What has left the method altogether was not reflected.
@@ -244,12 +230,15 @@ fn arrival(
     waves: &Waves,
     reference: Option<&Profile>,
 ) -> (Option<f64>, Profile) {
-    let [mut q, v] = m.motion();
+    let State {
+        whole: system,
+        pace,
+        now,
+    } = m.state();
     // All methods are compared at one instant, whatever their steps.
-    let step = m.pace().step;
-    let left = time - (time / step).round() * step;
-    q.iter_mut().zip(&v).for_each(|(q, v)| *q += left * v);
-    let (system, places) = (m.whole(), &m.whole().places);
+    let left = time - (time / pace.step).round() * pace.step;
+    let q: Vec<f64> = now.q.iter().zip(&now.v).map(|(q, v)| q + left * v).collect();
+    let places = &system.places;
     let error = reference.map(|p| {
         let mut sums = [0.0; 2];
         for i in system.axial().filter(|i| places.x[*i] < 0.0) {
@@ -264,14 +253,14 @@ fn arrival(
 
 /// Share of the energy of the pulse from the coarse model that comes back.
 fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
-    let (wave, time) = waves.pulse(false);
+    let (wave, time) = waves.up;
     let [before, coarse, _] = run(method, &wave, time);
     coarse / before
 }
 
 /// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
 fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
-    let (wave, time) = waves.packet(waves.wavelength?);
+    let (wave, time) = waves.packet?;
     start(method, &wave);
     // At whole steps the energies of short waves oscillate; the invariant does not.
     let before = method.energy();
@@ -293,10 +282,10 @@ pub(super) struct Noise {
 /// Runs from random velocities of all displacements.
 pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
     let mut next = random(1);
-    let moves = method.whole().places.moves.iter();
+    let moves = method.state().whole.places.moves.iter();
     let v: Vec<f64> = moves.map(|m| if *m { next() } else { 0.0 }).collect();
     method.reset(&vec![0.0; v.len()], &v);
-    let momentum = |m: &dyn Coupling| m.whole().momentum(&m.motion()[1]);
+    let momentum = |m: &dyn Coupling| m.state().whole.momentum(&m.state().now.v);
     let (energy, [before, size]) = (method.energy(), momentum(method));
     let begin = Instant::now();
     let steps = advance(method, waves.random);
@@ -310,7 +299,8 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the
 /// method has no equilibrium.
 fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
-    let (system, places) = (method.whole(), &method.whole().places);
+    let system = &method.state().whole;
+    let places = &system.places;
     let layer = 0.6 * waves.spacing[1];
     let ends = places
         .x

@@ -137,8 +137,8 @@ pub fn compare(
     }
     Ok(Board {
         scene: scene.source().path.display().to_string(),
-        pulse: waves.half / case.spacing[0],
-        packet: waves.wavelength.map(|l| l / case.spacing[0]),
+        pulse: waves.down.0.half / case.spacing[0],
+        packet: waves.packet.map(|(wave, _)| wave.length / case.spacing[0]),
         rows,
         refused,
     })

@@ -1,6 +1,6 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
-use super::method::Coupling;
+use super::method::{Coupling, State};
 use super::sparse::{Followers, product, transposed};
 use super::system::{Motion, System};
 use super::tie::Tie;
@@ -61,26 +61,24 @@ pub(super) struct Reflections {
     pub(super) once: bool,
     /// True if an equilibrium minimises an energy: the stiffness is symmetric.
     pub(super) symmetric: bool,
-    /// `T` and the system of all unknowns `T q`, if some follow others.
-    pub(super) whole: Option<(CsMat<f64>, System)>,
-    pub(super) pace: Pace,
-    pub(super) now: Motion,
+    /// `T`, if the system is that of `p` in `T p`.
+    pub(super) lift: Option<CsMat<f64>>,
     /// Half of the last reflection.
     pub(super) kick: Vec<f64>,
+    pub(super) state: State,
 }
 
 impl Reflections {
     /// Makes the stepping of a system with a constraint.
     pub(super) fn new(system: System, tie: Option<Tie>, pace: Pace) -> Self {
         Self {
-            now: Motion::default(),
+            state: State::new(system.clone(), pace),
             kick: vec![0.0; system.size()],
             once: false,
             symmetric: true,
-            whole: None,
+            lift: None,
             system,
             tie,
-            pace,
         }
     }
 
@@ -97,30 +95,28 @@ impl Reflections {
         let system = System::new(whole.places.clone(), mass, &full, stiffness);
         let pace = Pace::common(&system)?;
         Ok(Self {
-            whole: Some((lift, whole)),
+            state: State::new(whole, pace),
+            lift: Some(lift),
             ..Self::new(system, None, pace)
         })
     }
 
+    /// Reflects velocities at the constraint, and moves the unknowns that follow others.
     fn reflect(&mut self) {
         if let Some(t) = &self.tie {
-            self.kick = t.kick(&self.now.v, &self.system.inverse);
+            self.kick = t.kick(&self.state.now.v, &self.system.inverse);
             self.turn();
+        }
+        if let Some(lift) = &self.lift {
+            let now = &mut self.state.now;
+            (now.q, now.v) = (product(lift, &now.q), product(lift, &now.v));
         }
     }
 
     /// Subtracts half of the last reflection.
     fn turn(&mut self) {
-        let pairs = self.now.v.iter_mut().zip(&self.kick);
+        let pairs = self.state.now.v.iter_mut().zip(&self.kick);
         pairs.for_each(|(v, k)| *v -= k);
-    }
-
-    /// Displacements of the unknowns that follow others, from those that do not.
-    fn lifted(&self, x: Vec<f64>) -> Vec<f64> {
-        match &self.whole {
-            None => x,
-            Some((lift, _)) => product(lift, &x),
-        }
     }
 }
 
@@ -136,13 +132,15 @@ impl Coupling for Reflections {
         if let Some(t) = &self.tie {
             t.project(&mut q, inverse);
         }
-        self.now = Motion::new(q, v);
+        self.state.now = Motion::new(q, v);
         self.reflect();
-        self.system.accelerate(&mut self.now, 0..self.system.size());
+        self.system.accelerate(&mut self.state.now, 0..self.system.size());
         // The start is consistent: the first half reflection takes the jump of the accelerations.
         if let Some(t) = self.tie.as_ref().filter(|_| !self.once) {
-            self.kick = t.kick(&self.now.a, &self.system.inverse);
-            self.kick.iter_mut().for_each(|k| *k *= 0.5 * self.pace.step);
+            self.kick = t.kick(&self.state.now.a, &self.system.inverse);
+            self.kick
+                .iter_mut()
+                .for_each(|k| *k *= 0.5 * self.state.pace.step);
         }
     }
 
@@ -151,29 +149,21 @@ impl Coupling for Reflections {
             self.turn();
         }
         let (all, [coarse, fine]) = (0..self.system.size(), self.system.sides());
-        let Pace { step, own, .. } = self.pace;
+        let Pace { step, own, .. } = self.state.pace;
         if own == 1 {
-            self.system.step(&mut self.now, all, step);
+            self.system.step(&mut self.state.now, all, step);
         } else {
-            self.system.step(&mut self.now, coarse, step);
+            self.system.step(&mut self.state.now, coarse, step);
             for _ in 0..own {
                 self.system
-                    .step(&mut self.now, fine.clone(), self.pace.own_step());
+                    .step(&mut self.state.now, fine.clone(), self.state.pace.own_step());
             }
         }
         self.reflect();
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        self.whole.as_ref().map_or(&self.system, |(_, whole)| whole)
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair().map(|x| self.lifted(x))
+    fn state(&self) -> &State {
+        &self.state
     }
 
     /// `Σ ½ v₊ᵀMv₊ + ½ qᵀ(K − ¼Δt²KM⁻¹K)q` over the models, with the velocities after a reflection.
@@ -181,19 +171,19 @@ impl Coupling for Reflections {
         let term = |i: usize| {
             let is_coarse = i < self.system.places.split;
             let dt = if is_coarse {
-                self.pace.step
+                self.state.pace.step
             } else {
-                self.pace.own_step()
+                self.state.pace.own_step()
             };
-            let after = self.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
-            let (q, a) = (self.now.q[i], self.now.a[i]);
+            let after = self.state.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
+            let (q, a) = (self.state.now.q[i], self.state.now.a[i]);
             0.5 * self.system.mass[i] * (after * after - q * a - 0.25 * dt * dt * a * a)
         };
         self.system.weighted().map(term).sum()
     }
 
     fn work(&self) -> f64 {
-        self.system.work(self.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
+        self.system.work(self.state.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
@@ -202,6 +192,10 @@ impl Coupling for Reflections {
         }
         let rows = self.tie.as_ref().map(|t| &t.rows);
         let free = self.system.equilibrium(q.to_vec(), held, rows)?;
-        Ok(Some(self.lifted(free)))
+        Ok(Some(
+            self.lift
+                .as_ref()
+                .map_or(free.clone(), |lift| product(lift, &free)),
+        ))
     }
 }

@@ -49,11 +49,6 @@ impl Motion {
         Self { q, v, a }
     }
 
-    /// Copies displacements and velocities.
-    pub(super) fn pair(&self) -> [Vec<f64>; 2] {
-        [self.q.clone(), self.v.clone()]
-    }
-
     /// First part of a step of velocity Verlet: `v ← v + ½Δt a`, `q ← q + Δt v`.
     pub(super) fn drift(&mut self, range: Range<usize>, dt: f64) {
         self.kick(range.clone(), dt);
@@ -164,7 +159,7 @@ impl System {
     }
 
     /// Returns `[½ mv² + ½ q (K q)]` of each unknown \[J\].
-    pub(super) fn energies(&self, [q, v]: &[Vec<f64>; 2]) -> Vec<f64> {
+    pub(super) fn energies(&self, Motion { q, v, .. }: &Motion) -> Vec<f64> {
         let force = product(&self.stiffness, q);
         let mut out = vec![0.0; self.size()];
         self.weighted()

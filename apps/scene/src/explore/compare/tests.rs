@@ -19,7 +19,7 @@ fn the_default_makes_the_steps_of_a_run() {
         let scene = scene.set("interface.joint.lumped", lumped).unwrap();
         let mut case = Case::new(scene.spec(), scene.folder(), &mut |_, _, _| ()).unwrap();
         let mut own = couple(&mut case, word, 1.0).unwrap();
-        let pace = own.pace();
+        let pace = own.state().pace;
         assert_eq!(pace.own, 4);
         // The critical steps agree to the tolerance of their iterations; bits of the step are those of
         // the board.
@@ -38,7 +38,8 @@ fn the_default_makes_the_steps_of_a_run() {
             run.advance(&mut arlequin::core::Silent).unwrap();
             own.advance();
         }
-        for (mine, wanted) in own.motion().iter().zip(&state(&run)) {
+        let now = &own.state().now;
+        for (mine, wanted) in [&now.q, &now.v].into_iter().zip(&state(&run)) {
             let top = wanted.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             let off = mine
                 .iter()
@@ -67,7 +68,7 @@ fn example(name: &str) -> String {
 #[test]
 fn own_steps_are_those_of_half_the_coarse_step() {
     let mut case = case(&example("cantilever"), &[]);
-    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().pace();
+    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().state().pace;
     assert_eq!(pace.own, 1);
 }
 
@@ -86,7 +87,7 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
         for (word, wanted) in [(Method::Nodal, wanted), (Method::Arlequin, 0.0)] {
             let mut coupling = couple(&mut case, word, 1.0).unwrap();
             let waves = Waves::new(&case, &*coupling).unwrap();
-            let (wave, time) = waves.pulse(true);
+            let (wave, time) = waves.down;
             let [before, _, after] = run(&mut *coupling, &wave, time);
             let change = after / before - 1.0;
             assert!(
@@ -108,7 +109,7 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
     for (text, word, [low, high]) in [(short, Method::Gc, [-0.9, -0.73]), (long, Method::Ph, [1.8, 4.3])] {
         let mut case = case(&text, &[]);
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
-        assert_eq!(coupling.pace().own, 5);
+        assert_eq!(coupling.state().pace.own, 5);
         let waves = Waves::new(&case, &*coupling).unwrap();
         let drift = noise(&mut *coupling, &waves).drift;
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
@@ -145,7 +146,7 @@ fn alternation_changes_the_energy_of_a_cantilever() {
                 let mut coupling = couple(&mut case, word, 1.0).unwrap();
                 coupling.reset(&q, &vec![0.0; q.len()]);
                 let start = coupling.energy();
-                (0..(1e-3 / coupling.pace().step) as usize).for_each(|_| coupling.advance());
+                (0..(1e-3 / coupling.state().pace.step) as usize).for_each(|_| coupling.advance());
                 (start, coupling.energy() / start - 1.0)
             };
             let (start, schwarz) = drift(Method::Schwarz);
@@ -203,13 +204,13 @@ fn the_kernel_is_the_answer_of_a_long_chain() {
 fn the_bridging_scale_keeps_uniform_states() {
     let mut case = case(&example("bar-1d"), &[]);
     let mut coupling = couple(&mut case, Method::BridgingScale, 1.0).unwrap();
-    let x = coupling.whole().places.x.clone();
+    let x = coupling.state().whole.places.x.clone();
     coupling.reset(&x, &vec![0.0; x.len()]);
     // Until the waves from the free ends arrive, by one element a step at most.
     for _ in 0..35 {
         coupling.advance();
     }
-    let [q, _] = coupling.motion();
+    let q = &coupling.state().now.q;
     let off = (0..x.len())
         .filter(|i| x[*i].abs() < 0.1)
         .map(|i| (q[i] - x[i]).abs());

@@ -4,7 +4,7 @@
 //! The slope of the coarse field beside the end is that of the middle of an element, which sends back a
 //! little of a wave that both models carry (Tang, Hou and Liu 2006).
 
-use super::Coupling;
+use super::{Coupling, State};
 use crate::error::Result;
 use crate::explore::compare::case::{COARSE_EVERYWHERE, Case, FINE, FINE_EVERYWHERE};
 use crate::explore::compare::reflections::Pace;
@@ -24,8 +24,8 @@ const EQUAL: f64 = 1e-9;
 /// Coarse and fine scales of a chain.
 #[derive(Debug)]
 pub(super) struct Bridging {
-    /// Coarse nodes without mass, then all particles.
-    whole: System,
+    /// Coarse nodes without mass, then all particles; those outside of the zone follow the nodes.
+    state: State,
     /// Particles that follow the coarse nodes by `N`, and `Nᵀ`.
     followers: Followers,
     back: CsMat<f64>,
@@ -38,9 +38,6 @@ pub(super) struct Bridging {
     bond: f64,
     /// Coarse node of the last particle.
     node: usize,
-    pace: Pace,
-    /// Motion of nodes and particles: those outside of the zone follow the coarse model.
-    now: Motion,
     /// Displacement of the neighbour for a unit displacement of the last particle, by steps since then.
     kernel: Vec<f64>,
     /// Fine scale `q − N d` of the last particle, the newest last.
@@ -79,32 +76,31 @@ impl Bridging {
         Ok(Self {
             mass: product(&back, &whole.mass)[nodes].to_vec(),
             kernel: kernel(whole.inverse[end[0]] * bond * pace.step.powi(2)),
-            now: Motion::default(),
+            state: State::new(whole, pace),
             past: Vec::new(),
-            whole,
             followers,
             back,
             zone,
             end,
             bond,
             node,
-            pace,
         })
     }
 
     /// Returns `Nᵀ M x / Nᵀ m` at the coarse nodes.
     fn project(&self, x: &[f64]) -> Vec<f64> {
-        let weighted: Vec<f64> = x.iter().zip(&self.whole.mass).map(|(x, m)| x * m).collect();
+        let weighted: Vec<f64> = x.iter().zip(&self.state.whole.mass).map(|(x, m)| x * m).collect();
         let sums = product(&self.back, &weighted).into_iter();
         sums.zip(&self.mass).map(|(s, m)| s / m).collect()
     }
 
     /// Lets the particles outside of the zone follow the coarse model.
     fn follow(&mut self) {
-        let [q, v] = self.now.pair().map(|x| product(&self.followers.rows, &x));
-        let [_, particles] = self.whole.sides();
+        let now = &mut self.state.now;
+        let [q, v] = [&now.q, &now.v].map(|x| product(&self.followers.rows, x));
+        let [_, particles] = self.state.whole.sides();
         for i in particles.filter(|i| !self.zone.contains(i)) {
-            (self.now.q[i], self.now.v[i]) = (q[i], v[i]);
+            (now.q[i], now.v[i]) = (q[i], v[i]);
         }
     }
 
@@ -115,45 +111,38 @@ impl Bridging {
         let [last, neighbour] = self.end;
         let memory = self.past.iter().rev().zip(&self.kernel);
         let force = self.bond * memory.map(|(w, k)| w * k).sum::<f64>();
-        self.past.push(self.now.q[last] - self.now.q[self.node]);
-        let [nodes, particles] = self.whole.sides();
-        self.whole.accelerate(&mut self.now, particles);
-        self.now.a[last] += self.whole.inverse[last] * force;
-        self.now.a[neighbour] -= self.whole.inverse[neighbour] * force;
-        let coarse = self.project(&self.now.a);
-        self.now.a[nodes].copy_from_slice(&coarse);
+        self.past
+            .push(self.state.now.q[last] - self.state.now.q[self.node]);
+        let [nodes, particles] = self.state.whole.sides();
+        self.state.whole.accelerate(&mut self.state.now, particles);
+        self.state.now.a[last] += self.state.whole.inverse[last] * force;
+        self.state.now.a[neighbour] -= self.state.whole.inverse[neighbour] * force;
+        let coarse = self.project(&self.state.now.a);
+        self.state.now.a[nodes].copy_from_slice(&coarse);
     }
 }
 
 impl Coupling for Bridging {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let [nodes, _] = self.whole.sides();
+        let [nodes, _] = self.state.whole.sides();
         let [q, v] = [q, v].map(|x| [&*self.project(x), &x[nodes.end..]].concat());
-        self.now = Motion::new(q, v);
+        self.state.now = Motion::new(q, v);
         self.past.clear();
         self.accelerate();
     }
 
     fn advance(&mut self) {
-        let ([nodes, _], zone, dt) = (self.whole.sides(), self.zone.clone(), self.pace.step);
-        self.now.drift(zone.clone(), dt);
-        self.now.drift(nodes.clone(), dt);
+        let ([nodes, _], zone, dt) = (self.state.whole.sides(), self.zone.clone(), self.state.pace.step);
+        self.state.now.drift(zone.clone(), dt);
+        self.state.now.drift(nodes.clone(), dt);
         self.accelerate();
-        self.now.kick(zone, dt);
-        self.now.kick(nodes, dt);
+        self.state.now.kick(zone, dt);
+        self.state.now.kick(nodes, dt);
         self.follow();
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        &self.whole
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair()
+    fn state(&self) -> &State {
+        &self.state
     }
 
     /// Counts three entries in a row of the chain and two shape functions for each particle of the zone,

@@ -10,14 +10,32 @@ mod schwarz;
 
 use super::case::Case;
 use super::reflections::{Pace, Reflections};
-use super::system::System;
+use super::system::{Motion, System};
 use crate::error::Result;
 use crate::spec::Method;
 #[cfg(test)]
 pub(super) use bridging::kernel;
 use multistep::{Multistep, Scheme};
 
-/// Two models coupled by a method, as a comparison sees them. Unknowns are those of [`Coupling::whole`].
+/// System, pace and motion of a coupling.
+#[derive(Debug)]
+pub(super) struct State {
+    /// Weighted system of all unknowns, those that follow others included.
+    pub(super) whole: System,
+    /// Steps of the run and of the models.
+    pub(super) pace: Pace,
+    pub(super) now: Motion,
+}
+
+impl State {
+    pub(super) fn new(whole: System, pace: Pace) -> Self {
+        let now = Motion::default();
+        Self { whole, pace, now }
+    }
+}
+
+/// Two models coupled by a method, as a comparison sees them. Unknowns are those of
+/// [`State::whole`].
 pub(super) trait Coupling {
     /// Starts from displacements and velocities, made consistent as the method does it.
     fn reset(&mut self, q: &[f64], v: &[f64]);
@@ -25,18 +43,13 @@ pub(super) trait Coupling {
     /// Makes one step of the run.
     fn advance(&mut self);
 
-    /// Steps of the run and of the models.
-    fn pace(&self) -> Pace;
-
-    /// Weighted system of all unknowns, those that follow others included.
-    fn whole(&self) -> &System;
-
-    /// Displacements and velocities of all unknowns.
-    fn motion(&self) -> [Vec<f64>; 2];
+    /// System, pace and motion.
+    fn state(&self) -> &State;
 
     /// Energy of both models \[J\] from displacements and velocities at the same instant.
     fn whole_energy(&self) -> f64 {
-        self.whole().energies(&self.motion()).iter().sum()
+        let State { whole, now, .. } = self.state();
+        whole.energies(now).iter().sum()
     }
 
     /// Energy that an exact method would keep \[J\]; `½ vᵀMv + ½ qᵀKq` where no better one is known.

@@ -1,12 +1,12 @@
 //! Multipliers at own steps in place of reflections: Gravouil and Combescure (2001), Prakash and Hjelmstad
 //! (2004), both with the central difference scheme for either model.
 
-use super::Coupling;
+use super::{Coupling, State};
 use crate::error::Result;
 use crate::explore::compare::case::Case;
 use crate::explore::compare::reflections::Pace;
 use crate::explore::compare::sparse::product;
-use crate::explore::compare::system::{Motion, System};
+use crate::explore::compare::system::Motion;
 use crate::explore::compare::tie::{Tie, pseudo_inverse};
 use arlequin::core::sprs::TriMat;
 use std::ops::Range;
@@ -29,14 +29,12 @@ pub(super) enum Scheme {
 #[derive(Debug)]
 pub(super) struct Multistep {
     scheme: Scheme,
-    system: System,
+    /// Accelerations include the constraint's part.
+    state: State,
     /// Rows with the answer `λ = R b` to a jump of velocities.
     tie: Tie,
     /// Exact projection for the start.
     start: Tie,
-    pace: Pace,
-    /// Accelerations include the constraint's part.
-    now: Motion,
     /// Accelerations `W Gᵀ λ` by the last multipliers.
     push: Vec<f64>,
     /// Coarse velocity at the last step of the run without its last multiplier.
@@ -54,11 +52,9 @@ impl Multistep {
             push: vec![0.0; system.size()],
             free: Vec::new(),
             tie: start.clone(),
-            now: Motion::default(),
+            state: State::new(system, pace),
             scheme,
-            system,
             start,
-            pace,
         };
         out.tie = out.exact()?;
         Ok(out)
@@ -66,20 +62,20 @@ impl Multistep {
 
     /// Multipliers after which the jump of velocities vanishes at the instant of the constraint.
     fn exact(&self) -> Result<Tie> {
-        let (rows, [coarse, fine]) = (&self.start.rows, self.system.sides());
+        let (rows, [coarse, fine]) = (&self.start.rows, self.state.whole.sides());
         let mut operator = TriMat::new((rows.rows(), rows.rows()));
         let mut unit = vec![0.0; rows.rows()];
-        let zeros = vec![0.0; self.system.size()];
+        let zeros = vec![0.0; self.state.whole.size()];
         for j in 0..rows.rows() {
             unit[j] = 1.0;
-            let push = self.start.push(&unit, &self.system.inverse);
+            let push = self.start.push(&unit, &self.state.whole.inverse);
             unit[j] = 0.0;
             let mut m = Motion::new(zeros.clone(), zeros.clone());
             match self.scheme {
-                Scheme::GravouilCombescure => m.brake(fine.clone(), &push, 1.0, self.pace.own_step()),
+                Scheme::GravouilCombescure => m.brake(fine.clone(), &push, 1.0, self.state.pace.own_step()),
                 Scheme::PrakashHjelmstad => self.ramp(&mut m, [&zeros, &push]),
             }
-            m.brake(coarse.clone(), &push, 1.0, self.pace.step);
+            m.brake(coarse.clone(), &push, 1.0, self.state.pace.step);
             let answer = product(rows, &m.v).into_iter().enumerate();
             let entries = answer.filter(|(_, x)| *x != 0.0);
             entries.for_each(|(i, x)| operator.add_triplet(i, j, -x));
@@ -90,94 +86,90 @@ impl Multistep {
     /// Own steps of the fine model under multipliers that are linear in time, given at the begin and at the
     /// end as accelerations `W Gᵀ λ`.
     fn ramp(&self, m: &mut Motion, [begin, end]: [&[f64]; 2]) {
-        let (dt, [_, fine]) = (self.pace.own_step(), self.system.sides());
-        for j in 1..=self.pace.own {
-            self.system.step(m, fine.clone(), dt);
-            let s = j as f64 / self.pace.own as f64;
+        let (dt, [_, fine]) = (self.state.pace.own_step(), self.state.whole.sides());
+        for j in 1..=self.state.pace.own {
+            self.state.whole.step(m, fine.clone(), dt);
+            let s = j as f64 / self.state.pace.own as f64;
             m.brake(fine.clone(), end, s, dt);
             m.brake(fine.clone(), begin, 1.0 - s, dt);
         }
     }
 
     fn advance_gc(&mut self, coarse: Range<usize>, fine: Range<usize>) {
-        let Pace { step, own, .. } = self.pace;
-        let (now, dt) = (&mut self.now, self.pace.own_step());
+        let Pace { step, own, .. } = self.state.pace;
+        let (now, dt) = (&mut self.state.now, self.state.pace.own_step());
         let before = std::mem::take(&mut self.free);
-        self.system.step(now, coarse.clone(), step);
+        self.state.whole.step(now, coarse.clone(), step);
         self.free = now.v[coarse.clone()].to_vec();
         for j in 1..=own {
-            self.system.step(now, fine.clone(), dt);
+            self.state.whole.step(now, fine.clone(), dt);
             let s = j as f64 / own as f64;
             for i in coarse.clone() {
                 now.v[i] = (1.0 - s) * before[i] + s * self.free[i];
             }
-            self.push = self.tie.kick(&now.v, &self.system.inverse);
+            self.push = self.tie.kick(&now.v, &self.state.whole.inverse);
             now.brake(fine.clone(), &self.push, 1.0, dt);
         }
         now.brake(coarse, &self.push, 1.0, step);
     }
 
     fn advance_ph(&mut self, coarse: Range<usize>) {
-        let mut now = self.now.clone();
-        self.system.step(&mut now, coarse.clone(), self.pace.step);
+        let mut now = self.state.now.clone();
+        self.state
+            .whole
+            .step(&mut now, coarse.clone(), self.state.pace.step);
         let mut free = now.clone();
         let zeros = vec![0.0; free.v.len()];
         self.ramp(&mut free, [&self.push, &zeros]);
-        let end = self.tie.kick(&free.v, &self.system.inverse);
+        let end = self.tie.kick(&free.v, &self.state.whole.inverse);
         self.ramp(&mut now, [&self.push, &end]);
-        now.brake(coarse, &end, 1.0, self.pace.step);
-        (self.now, self.push) = (now, end);
+        now.brake(coarse, &end, 1.0, self.state.pace.step);
+        (self.state.now, self.push) = (now, end);
     }
 }
 
 impl Coupling for Multistep {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let inverse = &self.system.inverse;
+        let inverse = &self.state.whole.inverse;
         let [q, v] = [q, v].map(|x| {
             let mut x = x.to_vec();
             self.start.project(&mut x, inverse);
             x
         });
         let mut now = Motion::new(q, v);
-        self.system.accelerate(&mut now, 0..inverse.len());
+        self.state.whole.accelerate(&mut now, 0..inverse.len());
         self.push = self.start.kick(&now.a, inverse);
         now.a.iter_mut().zip(&self.push).for_each(|(a, p)| *a -= p);
-        let coarse = now.v.iter().zip(&self.push).take(self.system.places.split);
-        self.free = coarse.map(|(v, p)| v + 0.5 * self.pace.step * p).collect();
-        self.now = now;
+        let coarse = now.v.iter().zip(&self.push).take(self.state.whole.places.split);
+        self.free = coarse.map(|(v, p)| v + 0.5 * self.state.pace.step * p).collect();
+        self.state.now = now;
     }
 
     fn advance(&mut self) {
-        let [coarse, fine] = self.system.sides();
+        let [coarse, fine] = self.state.whole.sides();
         match self.scheme {
             Scheme::GravouilCombescure => self.advance_gc(coarse, fine),
             Scheme::PrakashHjelmstad => self.advance_ph(coarse),
         }
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        &self.system
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair()
+    fn state(&self) -> &State {
+        &self.state
     }
 
     fn work(&self) -> f64 {
-        let own = self.pace.own;
+        let own = self.state.pace.own;
         // One scheme answers at every own step, the other makes the own steps of the fine model twice.
         match self.scheme {
-            Scheme::GravouilCombescure => self.system.work(own) + own as f64 * self.tie.work(),
-            Scheme::PrakashHjelmstad => 2.0 * self.system.work(own) - self.system.work(0) + self.tie.work(),
+            Scheme::GravouilCombescure => self.state.whole.work(own) + own as f64 * self.tie.work(),
+            Scheme::PrakashHjelmstad => {
+                2.0 * self.state.whole.work(own) - self.state.whole.work(0) + self.tie.work()
+            }
         }
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
         let rows = Some(&self.tie.rows);
-        self.system.equilibrium(q.to_vec(), held, rows).map(Some)
+        self.state.whole.equilibrium(q.to_vec(), held, rows).map(Some)
     }
 }

@@ -2,7 +2,7 @@
 //! motion of the other at its border, and both repeat a step of the run from its start until these motions
 //! agree.
 
-use super::Coupling;
+use super::{Coupling, State};
 use crate::error::{Result, key};
 use crate::explore::compare::case::{COARSE, Case, FINE};
 use crate::explore::compare::reflections::{MOST_OWN, Pace};
@@ -24,11 +24,9 @@ pub(super) struct Schwarz {
     /// Models without weights, which step.
     system: System,
     /// Models with the weights of the scene, whose energies have a sum.
-    shared: System,
+    state: State,
     /// Unknowns at the border of either model, which follow the other one.
     border: Followers,
-    pace: Pace,
-    now: Motion,
     /// Alternations in all, and steps.
     count: [usize; 2],
 }
@@ -42,11 +40,9 @@ impl Schwarz {
         let pace = Pace::split(&system, MOST_OWN)?;
         Ok(Self {
             border: border(case, &system)?,
-            now: Motion::default(),
+            state: State::new(shared, pace),
             count: [0; 2],
             system,
-            shared,
-            pace,
         })
     }
 
@@ -68,7 +64,7 @@ impl Schwarz {
 
     /// Makes the own steps of one model within a step of the run.
     fn leap(&self, m: &mut Motion, range: Range<usize>, own: usize, data: [&Motion; 2]) {
-        let dt = self.pace.step / own as f64;
+        let dt = self.state.pace.step / own as f64;
         for j in 1..=own {
             m.drift(range.clone(), dt);
             self.prescribe(m, range.clone(), data, j as f64 / own as f64);
@@ -114,41 +110,33 @@ impl Coupling for Schwarz {
         self.system.accelerate(&mut free, 0..q.len());
         let mut now = free.clone();
         self.prescribe(&mut now, 0..q.len(), [&free, &free], 1.0);
-        (self.now, self.count) = (now, [0; 2]);
+        (self.state.now, self.count) = (now, [0; 2]);
     }
 
     fn advance(&mut self) {
-        let (saved, [coarse, fine]) = (self.now.clone(), self.system.sides());
+        let (saved, [coarse, fine]) = (self.state.now.clone(), self.system.sides());
         self.count[1] += 1;
         for _ in 0..MOST {
             self.count[0] += 1;
             let mut next = saved.clone();
-            self.leap(&mut next, coarse.clone(), 1, [&saved, &self.now]);
+            self.leap(&mut next, coarse.clone(), 1, [&saved, &self.state.now]);
             // The fine model sees the coarse step that has just been made.
             let made = next.clone();
-            self.leap(&mut next, fine.clone(), self.pace.own, [&saved, &made]);
-            let done = agree(&next.q, &self.now.q);
-            self.now = next;
+            self.leap(&mut next, fine.clone(), self.state.pace.own, [&saved, &made]);
+            let done = agree(&next.q, &self.state.now.q);
+            self.state.now = next;
             if done {
                 break;
             }
         }
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        &self.shared
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair()
+    fn state(&self) -> &State {
+        &self.state
     }
 
     fn work(&self) -> f64 {
-        let alternation = self.system.work(self.pace.own) + self.border.rows.nnz() as f64;
+        let alternation = self.system.work(self.state.pace.own) + self.border.rows.nnz() as f64;
         alternation * self.count[0].max(1) as f64 / self.count[1].max(1) as f64
     }
 
