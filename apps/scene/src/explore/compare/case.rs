@@ -31,13 +31,13 @@ pub(super) struct Case {
     pub(super) parts: Vec<Part>,
     /// Weights of the scene, and those that it would have with weights at nodes.
     pub(super) weights: Pair,
-    nodal: Pair,
+    pub(super) nodal: Pair,
     /// Width of the overlap, spacing of the coarse and of the fine model \[m\].
     pub(super) width: f64,
     pub(super) spacing: [f64; 2],
     /// Speed of waves in a bar of the fine model's material \[m/s\].
     pub(super) speed: f64,
-    frame: Frame,
+    pub(super) frame: Frame,
 }
 
 /// A model on its own.
@@ -46,6 +46,13 @@ pub(super) struct Part {
     pub(super) places: Places,
     /// Masses without weights.
     pub(super) full: Vec<f64>,
+}
+
+impl Part {
+    fn new(body: Body, frame: Frame) -> Result<Self> {
+        let (places, full) = (places(&body, frame), masses(&body, &Uniform(1.0))?);
+        Ok(Self { body, places, full })
+    }
 }
 
 /// A point of the coarse border, and the unit vector from the coarse to the fine model.
@@ -107,7 +114,10 @@ impl Case {
             spacing: [COARSE, FINE].map(|k| bodies[k].spacing),
             weights: with_complement(interface.weights.clone()),
             nodal: with_complement(nodal.weights),
-            parts: parts(bodies, frame)?,
+            parts: bodies
+                .into_iter()
+                .map(|b| Part::new(b, frame))
+                .collect::<Result<_>>()?,
             frame,
             name,
             interface,
@@ -154,16 +164,9 @@ impl Case {
         ])
     }
 
-    /// Systems of both models as one, without weights and coupling.
-    pub(super) fn plain_system(&mut self) -> Result<System> {
-        self.system(&[Weights::uncoupled(), Weights::uncoupled()])
-    }
-
-    /// Fine model in the place of both, after the mesh of a coarse one if that is given.
-    pub(super) fn fine_system(&mut self, mesh: Option<usize>, weight: &dyn Weight<f64>) -> Result<System> {
-        let mesh = mesh.map(|k| (k, None)).into_iter();
-        let fine = (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]));
-        self.assemble(&mesh.chain([fine]).collect::<Vec<_>>())
+    /// Fine model in the place of both after a mesh without a law of its own.
+    pub(super) fn slaved(&mut self, mesh: usize, weight: &dyn Weight<f64>) -> Result<System> {
+        self.assemble(&[(mesh, None), (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]))])
     }
 
     /// Values of a pair of weights at the node of every unknown of both models.
@@ -189,16 +192,6 @@ impl Case {
         x + self.frame.1 * shift
     }
 
-    /// Weights that the scene would have with weights at nodes: `α` and `β` of every unknown.
-    pub(super) fn nodal_weights(&self) -> [Vec<f64>; 2] {
-        let [coarse, fine] = &self.nodal;
-        let values = |a, b| self.nodal_values([a, b]);
-        [
-            values(&*coarse.internal, &*fine.internal),
-            values(&*coarse.kinetic, &*fine.kinetic),
-        ]
-    }
-
     /// Weight by the distances of the nearest and the farthest corner of a cell from the coarse border.
     pub(super) fn weight(
         &self,
@@ -206,11 +199,6 @@ impl Case {
     ) -> Arc<dyn Weight<f64>> {
         let frame = self.frame;
         Arc::new(Along { frame, value })
-    }
-
-    /// Point of the axis at a distance from the coarse border.
-    pub(super) fn point(&self, distance: f64) -> Point3<f64> {
-        self.frame.0 + self.frame.1 * distance
     }
 
     /// Rows `[B_C, −B_D]` of the scene's interface.
@@ -408,30 +396,20 @@ fn masses(body: &Body, weight: &dyn Weight<f64>) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-/// Adds places and masses to the models. The axis of the two coupled ones is that of both together.
-fn parts(bodies: Vec<Body>, frame: Frame) -> Result<Vec<Part>> {
-    let both = middle(&bodies[..2]);
-    let part = |(k, body): (usize, Body)| {
-        let own = middle(std::slice::from_ref(&body));
-        Ok(Part {
-            places: places(&body, if k > FINE { own } else { both }, frame),
-            full: masses(&body, &Uniform(1.0))?,
-            body,
-        })
-    };
-    bodies.into_iter().enumerate().map(part).collect()
-}
-
 /// Places of the unknowns of a model.
-fn places(body: &Body, middle: Point3<f64>, (origin, axis): Frame) -> Places {
+fn places(body: &Body, (origin, axis): Frame) -> Places {
     let mut out = Places::default();
     let (layout, nodes) = (body.model.layout(), body.model.nodes());
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
+    let [low, high] = nodes
+        .iter()
+        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
     // Nothing moves across a line.
     let poisson = body.material.as_ref().filter(|_| layout.components == 3);
     let poisson = poisson.map_or(0.0, |m| m.poisson());
     for d in 0..layout.dofs() {
         let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
-        let offset = node - middle;
+        let offset = node - center(&low, &high);
         let across = poisson * (offset - axis * offset.dot(&axis));
         let moves = d < layout.translations();
         out.x.push((node - origin).dot(&axis));
@@ -440,12 +418,4 @@ fn places(body: &Body, middle: Point3<f64>, (origin, axis): Frame) -> Places {
         out.moves.push(moves);
     }
     out
-}
-
-/// Middle of the box around all nodes.
-fn middle(bodies: &[Body]) -> Point3<f64> {
-    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
-    let nodes = bodies.iter().flat_map(|b| b.model.nodes());
-    let [low, high] = nodes.fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
-    center(&low, &high)
 }

@@ -199,25 +199,26 @@ pub(super) fn row(
     let begin = m.energy();
     advance(m, PASSAGES * time);
     let pulse_drift = m.energy() / begin - 1.0;
-    let (up, above) = (up(m, waves), above(m, waves));
-    let noise = noise(m, waves);
+    let [start, back, _] = run(m, &waves.up.0, waves.up.1);
+    let above = above(m, waves);
+    let [drift, momentum, seconds] = noise(m, waves);
     let pace = m.state().pace;
     let row = Row {
         method: name.to_owned(),
         // What has left the method altogether was not reflected.
         down: (after - coarse) / before,
         patch: patch(m, waves)?,
-        momentum: noise.momentum,
-        drift: noise.drift,
         critical: pace.critical,
-        time: noise.seconds / pace.step,
+        time: seconds / pace.step,
         // After the runs: how often an alternation alternates is known by then.
         cost: m.work() / pace.step,
         pulse_error,
         pulse_drift,
-        setup,
+        up: back / start,
         above,
-        up,
+        momentum,
+        drift,
+        setup,
     };
     Ok((row, profile))
 }
@@ -251,13 +252,6 @@ fn arrival(
     (error, Profile(layers(system, &q, waves.spacing[1])))
 }
 
-/// Share of the energy of the pulse from the coarse model that comes back.
-fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
-    let (wave, time) = waves.up;
-    let [before, coarse, _] = run(method, &wave, time);
-    coarse / before
-}
-
 /// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
 fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
     let (wave, time) = waves.packet?;
@@ -269,18 +263,9 @@ fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
     Some((1.0 - share) * method.energy() / before)
 }
 
-/// Results of the run from a random state.
-pub(super) struct Noise {
-    /// Relative change of the energy.
-    pub(super) drift: f64,
-    /// Change of the momentum over the sum of its moduli.
-    momentum: f64,
-    /// Wall time of a step of the run \[s\].
-    seconds: f64,
-}
-
-/// Runs from random velocities of all displacements.
-pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
+/// Runs from random velocities of all displacements. Returns the relative change of the energy, the change of
+/// the momentum over the sum of its moduli, and the wall time of a step \[s\].
+pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 3] {
     let mut next = random(1);
     let moves = method.state().whole.places.moves.iter();
     let v: Vec<f64> = moves.map(|m| if *m { next() } else { 0.0 }).collect();
@@ -289,11 +274,9 @@ pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
     let (energy, [before, size]) = (method.energy(), momentum(method));
     let begin = Instant::now();
     let steps = advance(method, waves.random);
-    Noise {
-        seconds: begin.elapsed().as_secs_f64() / steps,
-        drift: method.energy() / energy - 1.0,
-        momentum: (momentum(method)[0] - before).abs() / size,
-    }
+    let seconds = begin.elapsed().as_secs_f64() / steps;
+    let change = (momentum(method)[0] - before).abs() / size;
+    [method.energy() / energy - 1.0, change, seconds]
 }
 
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the

@@ -111,7 +111,7 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
         assert_eq!(coupling.state().pace.own, 5);
         let waves = Waves::new(&case, &*coupling).unwrap();
-        let drift = noise(&mut *coupling, &waves).drift;
+        let [drift, ..] = noise(&mut *coupling, &waves);
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
     }
 }
@@ -216,4 +216,47 @@ fn the_bridging_scale_keeps_uniform_states() {
         .map(|i| (q[i] - x[i]).abs());
     let off = off.fold(0.0, f64::max);
     assert!(off < 1e-12, "{off:e}");
+}
+
+/// A standing wave between free ends works at the end of the zone: it gains where the zone takes more than half
+/// of the line and loses where it takes half. A longer memory changes nothing of it.
+#[test]
+fn a_standing_wave_gains_or_loses_at_the_end_of_the_zone() {
+    let text = example("bar-1d").replace("from = 0.28, to = 0.58", "from = 0.09, to = 0.2");
+    let line = |end: f64| {
+        let text = text.replace("to = 0.3,", &format!("to = {end},"));
+        let text = text.replace("fine = [0.28", "fine = [0.09");
+        text.replace("coarse = [0.3,", &format!("coarse = [{end},"))
+    };
+    for (end, [low, high]) in [(0.12, [3.0, 40.0]), (0.11, [1e-4, 0.2])] {
+        let mut case = case(&line(end), &[]);
+        let mut coupling = couple(&mut case, Method::BridgingScale, 1.0).unwrap();
+        // Four waves of ten coarse spacings in a line of 0.2 m, which begins at the free end of the chain.
+        let x = coupling.state().whole.places.x.iter();
+        let v: Vec<f64> = x
+            .map(|x| (std::f64::consts::TAU * (end - x) / 0.05).cos())
+            .collect();
+        coupling.reset(&vec![0.0; v.len()], &v);
+        let start = coupling.energy();
+        (0..10_000).for_each(|_| coupling.advance());
+        let gain = coupling.energy() / start;
+        assert!((low..=high).contains(&gain), "zone to {end}: {gain}");
+    }
+}
+
+/// Weights at nodes do not depend on the place of the scene: round-off of the nodes on a border does not
+/// decide whether they have the weight of the floor or none.
+#[test]
+fn nodes_on_a_border_have_the_weight_of_the_floor() {
+    let text = example("bar-1d");
+    // The borders as they are, and as they come out of a sum.
+    for off in [0.0, 3e-16, -3e-16, 1e-13, -1e-13] {
+        let text = text.replace("fine = [0.28,", &format!("fine = [{:e},", 0.28 + off));
+        let text = text.replace("coarse = [0.3,", &format!("coarse = [{:e},", 0.3 - off));
+        let case = case(&text, &[]);
+        let [coarse, fine] = &case.nodal;
+        let values = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
+        let least = values.iter().copied().filter(|w| *w < 0.9).fold(1.0, f64::min);
+        assert!((least - 0.05).abs() < 1e-12, "{off:e}: {least}");
+    }
 }

@@ -2,7 +2,11 @@
 //! of the zone the force of the particles that are not there.
 //!
 //! The slope of the coarse field beside the end is that of the middle of an element, which sends back a
-//! little of a wave that both models carry (Tang, Hou and Liu 2006).
+//! little of a wave that both models carry (Tang, Hou and Liu 2006). The force of the end therefore works on
+//! what passes: a wave that travels through loses energy. A standing wave loses or gains, by its phase at the
+//! end. Between free ends, waves of 7 to 50 coarse spacings gain without bound if the zone takes more than
+//! half of the line, and lose if it takes half; a longer memory changes nothing. Figures hold for waves that
+//! pass the end a few times.
 
 use super::{Coupling, State};
 use crate::error::Result;
@@ -54,7 +58,7 @@ impl Bridging {
         if case.components() != 1 {
             return refusal(case);
         }
-        let whole = case.fine_system(Some(COARSE_EVERYWHERE), &Uniform(1.0))?;
+        let whole = case.slaved(COARSE_EVERYWHERE, &Uniform(1.0))?;
         let everywhere = [f64::NEG_INFINITY, f64::INFINITY];
         let followers = case.followers([COARSE_EVERYWHERE, FINE_EVERYWHERE], everywhere, &|_| true);
         let [nodes, particles] = whole.sides();

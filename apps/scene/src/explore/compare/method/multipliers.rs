@@ -6,6 +6,7 @@ use crate::explore::compare::reflections::{MOST_OWN, Pace, Reflections};
 use crate::explore::compare::sparse::diagonal;
 use crate::explore::compare::system::System;
 use crate::explore::compare::tie::{Tie, of_eigenvalues, pseudo_inverse};
+use arlequin::core::Weights;
 use arlequin::core::nalgebra::DMatrix;
 
 /// Penalty of augmented multipliers in units of the inverse of the largest eigenvalue of `S`.
@@ -43,8 +44,10 @@ pub(super) fn augmented(case: &mut Case) -> Result<Reflections> {
 /// `β(x_i) M_i q̈_i = −α(x_i) (K q)_i`: forces and masses weighted at the nodes. A node on a border has the
 /// weight of the floor (0.05), never zero.
 pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
-    let plain = case.plain_system()?;
-    let [alpha, beta] = case.nodal_weights();
+    let plain = case.system(&[Weights::uncoupled(), Weights::uncoupled()])?;
+    let [coarse, fine] = &case.nodal;
+    let alpha = case.nodal_values([&*coarse.internal, &*fine.internal]);
+    let beta = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
     let mass = plain.mass.iter().zip(&beta).map(|(m, b)| m * b).collect();
     let stiffness = &diagonal(alpha.into_iter()) * &plain.stiffness;
     let system = System::new(plain.places, mass, &plain.mass, stiffness);

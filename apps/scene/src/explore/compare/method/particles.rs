@@ -16,7 +16,9 @@ use std::sync::Arc;
 pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
     let (middle, half) = (0.5 * case.width, 0.5 * case.spacing[FINE]);
     let range = [middle - half, middle + half];
-    let slab = Slab::between(case.point(range[1]), case.point(range[0])).map_err(core("compare"))?;
+    let (origin, axis) = case.frame;
+    let [coarse, fine] = range.map(|s| origin + axis * s);
+    let slab = Slab::between(fine, coarse).map_err(core("compare"))?;
     let ramp = Ramp::new(Arc::new(slab), Profile::Linear, 0.0).map_err(core("compare"))?;
     let system = case.system(&with_complement(Weights::from_weight(Arc::new(ramp))))?;
     // Only particles that have weight can be tied.

@@ -16,7 +16,7 @@ const LEAST_FACTOR: f64 = 1.2;
 
 /// The fine model in the place of both.
 pub(super) fn fine(case: &mut Case) -> Result<Reflections> {
-    let system = case.fine_system(None, &Uniform(1.0))?;
+    let system = case.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])?;
     let pace = Pace::common(&system)?;
     Ok(Reflections::new(system, None, pace))
 }
@@ -29,7 +29,7 @@ pub(super) fn quasicontinuum(case: &mut Case, by_clusters: bool) -> Result<Refle
     } else {
         Arc::new(Uniform(1.0))
     };
-    let system = case.fine_system(Some(COARSE), &*weight)?;
+    let system = case.slaved(COARSE, &*weight)?;
     let region = [f64::NEG_INFINITY, 0.5 * case.width];
     let followers = case.followers([COARSE, FINE_EVERYWHERE], region, &|_| true);
     Reflections::following(system, &followers)

@@ -9,6 +9,7 @@ use crate::explore::compare::reflections::{MOST_OWN, Pace};
 use crate::explore::compare::sparse::{Followers, product};
 use crate::explore::compare::system::{Motion, System};
 use crate::spec::Method;
+use arlequin::core::Weights;
 use std::ops::Range;
 
 /// Change of the displacements, relative to the largest one, at which the alternation ends.
@@ -36,7 +37,7 @@ impl Schwarz {
     pub(super) fn new(case: &mut Case) -> Result<Self> {
         let weights = case.weights.clone();
         let shared = case.system(&weights)?;
-        let system = case.plain_system()?;
+        let system = case.system(&[Weights::uncoupled(), Weights::uncoupled()])?;
         let pace = Pace::split(&system, MOST_OWN)?;
         Ok(Self {
             border: border(case, &system)?,
