@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, key, write};
 use crate::report;
 use arlequin_scene::Scene;
-use arlequin_scene::compare::{Board, Options, compare as measure, method};
+use arlequin_scene::compare::{Options, compare as measure, method};
 use arlequin_scene::output::mark;
 use std::path::{Path, PathBuf};
 
@@ -32,9 +32,11 @@ pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> 
         penalty: choice.penalty,
     };
     let stem = scene.source().path.file_stem().unwrap_or_default();
-    let name = stem.to_string_lossy();
     // Found before minutes of work, as are wrong words.
-    let page = choice.page.as_deref().map(|p| Page::read(p, &name)).transpose()?;
+    let page = choice.page.as_deref();
+    let around = page
+        .map(|p| text_around(p, &stem.to_string_lossy()))
+        .transpose()?;
     if let Some(out) = &choice.out {
         std::fs::create_dir_all(out).map_err(write(out))?;
         mark::claim("--out", out)?;
@@ -42,58 +44,42 @@ pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> 
     let mut progress = report::phase_reporter();
     let board = measure(scene, &options, &mut progress)?;
     drop(progress);
+    let table = report::compare::markdown(&board);
+    let save = |path: &Path, text: &str| std::fs::write(path, text).map_err(write(path));
     if let Some(out) = &choice.out {
-        write_all(out, &board)?;
+        save(&out.join("compare.csv"), &report::compare::csv(&board))?;
+        save(&out.join("compare.md"), &table)?;
+        save(&out.join("compare.json"), &(report::pretty(&board)? + "\n"))?;
     }
-    if let Some(page) = page {
-        page.with(&report::compare::markdown(&board))?;
+    if let (Some(page), Some([before, end, behind])) = (page, around) {
+        save(
+            page,
+            &format!("{before}{end}{}{behind}", table.replace('\n', &end)),
+        )?;
     }
     report::result(&board, json, report::compare::board)
 }
 
-fn write_all(out: &Path, board: &Board) -> Result<()> {
-    let files = [
-        ("compare.csv", report::compare::csv(board)),
-        ("compare.md", report::compare::markdown(board)),
-        ("compare.json", report::pretty(board)? + "\n"),
-    ];
-    for (name, text) in files {
-        let path = out.join(name);
-        std::fs::write(&path, text).map_err(write(&path))?;
-    }
-    Ok(())
-}
-
-/// A page around the table of a scene.
-struct Page<'a> {
-    path: &'a Path,
-    /// Text before and behind the table.
-    parts: [String; 2],
-}
-
-impl<'a> Page<'a> {
-    fn read(path: &'a Path, name: &str) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let (begin, end) = (format!("<!-- table {name} -->\n"), "<!-- end -->");
-        let parts = text.split_once(&begin).and_then(|(before, after)| {
-            let (_, behind) = after.split_once(end)?;
-            Some([format!("{before}{begin}"), format!("{end}{behind}")])
-        });
-        let rule = || {
-            format!(
-                "has no place for a table between '{}' and '{end}'; add one",
-                begin.trim_end()
-            )
-        };
-        let parts = parts.ok_or_else(|| key(format!("--page {}", path.display()), rule()))?;
-        Ok(Self { path, parts })
-    }
-
-    fn with(self, table: &str) -> Result<()> {
-        let [before, behind] = &self.parts;
-        std::fs::write(self.path, format!("{before}{table}{behind}")).map_err(write(self.path))
-    }
+/// Text of a page before the table of a scene, the line end of the page, and the text behind the table.
+fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
+    let read = |source| Error::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let text = std::fs::read_to_string(path).map_err(read)?;
+    // A page that cannot be written is refused before the work, too.
+    let options = std::fs::OpenOptions::new().append(true).open(path);
+    options.map_err(write(path))?;
+    let end = if text.contains("\r\n") { "\r\n" } else { "\n" };
+    let (begin, stop) = (format!("<!-- table {name} -->"), "<!-- end -->");
+    let parts = text.split_once(&begin).and_then(|(before, after)| {
+        let (_, behind) = after.split_once(stop)?;
+        Some([
+            format!("{before}{begin}"),
+            end.to_owned(),
+            format!("{stop}{behind}"),
+        ])
+    });
+    let rule = format!("has no place for a table between '{begin}' and '{stop}'; add one");
+    parts.ok_or_else(|| key(format!("--page {}", path.display()), rule))
 }

@@ -2,49 +2,38 @@
 
 use arlequin_scene::compare::{Board, Row};
 
-/// Heads of the columns of figures, with their units in the file.
-const HEADS: [(&str, &str); 11] = [
-    (
-        "not passed",
-        "energy of a pulse from the fine model that does not pass [-]",
-    ),
-    (
-        "comes back",
-        "energy of a pulse from the coarse model that comes back [-]",
-    ),
-    (
-        "above cutoff",
-        "energy of a packet above the coarse cutoff that is not passed [-]",
-    ),
-    ("pulse error", "error of the pulse beyond the overlap [-]"),
-    (
-        "patch",
-        "deviation from uniform strain over strain times overlap [-]",
-    ),
-    ("momentum", "change of momentum [-]"),
-    (
-        "drift, pulse",
-        "change of energy of the pulse over ten passages [-]",
-    ),
-    ("drift, noise", "change of energy of a random state [-]"),
-    ("critical step", "critical step over that of the default [-]"),
-    ("cost", "multiplications per time over those of the default [-]"),
-    ("set-up [s]", "set-up [s]"),
+/// Heads of the columns of figures; those without a unit are ratios.
+const HEADS: [&str; 11] = [
+    "not passed",
+    "comes back",
+    "above cutoff",
+    "pulse error",
+    "patch",
+    "momentum",
+    "drift, pulse",
+    "drift, noise",
+    "critical step",
+    "cost",
+    "set-up [s]",
 ];
 
 fn figures(r: &Row) -> [Option<f64>; 11] {
+    let [down, up, momentum] = [r.down, r.up, r.momentum].map(Some);
+    let [pulse_drift, drift] = [r.pulse_drift, r.drift].map(Some);
+    let [critical, cost, setup] = [r.critical, r.cost, r.setup].map(Some);
+    let [above, error, patch] = [r.above, r.pulse_error, r.patch];
     [
-        Some(r.down),
-        Some(r.up),
-        r.above,
-        r.pulse_error,
-        r.patch,
-        Some(r.momentum),
-        Some(r.pulse_drift),
-        Some(r.drift),
-        Some(r.critical),
-        Some(r.cost),
-        Some(r.setup),
+        down,
+        up,
+        above,
+        error,
+        patch,
+        momentum,
+        pulse_drift,
+        drift,
+        critical,
+        cost,
+        setup,
     ]
 }
 
@@ -59,14 +48,19 @@ fn word(x: Option<f64>) -> String {
     }
 }
 
+/// Words and figures of every method.
+fn rows(b: &Board, figure: fn(Option<f64>) -> String) -> impl Iterator<Item = (&str, Vec<String>)> {
+    let row = move |r| figures(r).into_iter().map(figure).collect();
+    b.rows.iter().map(move |r| (&*r.method, row(r)))
+}
+
 /// Prints the table and the methods that were refused.
 pub(crate) fn board(b: &Board) {
     print_line!("{}: {}", b.scene, about(b));
-    let heads: Vec<String> = HEADS.iter().map(|h| format!("{:>14}", h.0)).collect();
-    print_line!("{:<24}{}", "method", heads.concat());
-    for r in &b.rows {
-        let cells: Vec<String> = figures(r).iter().map(|x| format!("{:>14}", word(*x))).collect();
-        print_line!("{:<24}{}", r.method, cells.concat());
+    let heads = ("method", HEADS.map(str::to_owned).to_vec());
+    for (method, cells) in std::iter::once(heads).chain(rows(b, word)) {
+        let cells: String = cells.iter().map(|c| format!("{c:>14}")).collect();
+        print_line!("{method:<24}{cells}");
     }
     for (method, reason) in &b.refused {
         super::entry("refused", &format!("{method}: {reason}"));
@@ -76,7 +70,8 @@ pub(crate) fn board(b: &Board) {
 fn about(b: &Board) -> String {
     let packet = b
         .packet
-        .map_or_else(String::new, |l| format!(", packet of {l:.1} h"));
+        .map(|l| format!(", packet of {l:.1} h"))
+        .unwrap_or_default();
     format!(
         "pulse of half width {:.1} h{packet}, h the coarse spacing",
         b.pulse
@@ -85,16 +80,14 @@ fn about(b: &Board) -> String {
 
 /// Returns the table as Markdown.
 pub(crate) fn markdown(b: &Board) -> String {
-    let heads: Vec<&str> = HEADS.iter().map(|h| h.0).collect();
     let mut out = format!("{}\n\n", about(b).replacen('p', "P", 1));
     out += &format!(
         "| method | {} |\n|---|{}\n",
-        heads.join(" | "),
-        "---|".repeat(heads.len())
+        HEADS.join(" | "),
+        "---|".repeat(HEADS.len())
     );
-    for r in &b.rows {
-        let cells: Vec<String> = figures(r).iter().map(|x| word(*x)).collect();
-        out += &format!("| `{}` | {} |\n", r.method, cells.join(" | "));
+    for (method, cells) in rows(b, word) {
+        out += &format!("| `{method}` | {} |\n", cells.join(" | "));
     }
     for (method, reason) in &b.refused {
         out += &format!("\nRefused: `{method}`. {reason}\n");
@@ -104,11 +97,9 @@ pub(crate) fn markdown(b: &Board) -> String {
 
 /// Returns the table as comma-separated values with all digits.
 pub(crate) fn csv(b: &Board) -> String {
-    let heads: Vec<&str> = HEADS.iter().map(|h| h.1).collect();
-    let mut out = format!("method,{}\n", heads.join(","));
-    for r in &b.rows {
-        let cells = figures(r).map(|x| x.map(|x| format!("{x:e}")).unwrap_or_default());
-        out += &format!("{},{}\n", r.method, cells.join(","));
+    let mut out = format!("method,{}\n", HEADS.map(|h| h.replace(',', "")).join(","));
+    for (method, cells) in rows(b, |x| x.map(|x| format!("{x:e}")).unwrap_or_default()) {
+        out += &format!("{method},{}\n", cells.join(","));
     }
     out
 }

@@ -7,6 +7,7 @@ mod between;
 mod book;
 mod calibrate;
 mod common;
+mod compare;
 mod effects;
 mod failures;
 mod fillings;

@@ -1,50 +1,62 @@
-//! The models of a scene, and of its fine model everywhere, as linear systems for any weights.
+//! The models of a scene, and each of them in the place of both, as linear systems for any weights.
 
-use super::sparse::{block_diagonal, difference};
+use super::sparse::Followers;
 use super::system::{Places, System};
 use super::union::united;
-use crate::error::{Result, core, key, value};
+use crate::error::{Error, Result, core, key, value};
 use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredScene, OverlapSource};
-use crate::spec::{Method, OverlapShape, Shape};
-use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::sprs::CsMat;
-use arlequin::core::{Elastic, Interface, ShapeRow, Side, Slab, Uniform, Weight, Weighting, Weights};
-use std::path::{Path, PathBuf};
+use crate::spec::{Method, OverlapShape};
+use arlequin::core::geometry::Cell;
+use arlequin::core::nalgebra::{Point3, Vector3, center};
+use arlequin::core::sprs::{CsMat, bmat, hstack};
+use arlequin::core::{Elastic, Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Least length of a model's own region, in coarse spacings.
 const ROOM: f64 = 5.0;
 
+/// Numbers of both models among the parts of a case.
+pub(super) const COARSE: usize = 0;
+pub(super) const FINE: usize = 1;
+/// The fine model in the place of both.
+pub(super) const FINE_EVERYWHERE: usize = 2;
+/// The coarse model in the place of both; on a line only.
+pub(super) const COARSE_EVERYWHERE: usize = 3;
+
 /// Two models and their interface before they are coupled.
 pub(super) struct Case {
-    scene: LoweredScene,
-    folder: PathBuf,
     name: String,
-    bodies: Vec<Body>,
     interface: BuiltInterface,
-    /// Places of the unknowns of both models.
-    pub(super) places: Arc<Places>,
-    /// Masses of both models without weights.
-    pub(super) full: Vec<f64>,
+    pub(super) parts: Vec<Part>,
+    /// Weights of the scene, and those that it would have with weights at nodes.
+    pub(super) weights: Pair,
+    pub(super) nodal: Pair,
     /// Width of the overlap, spacing of the coarse and of the fine model \[m\].
     pub(super) width: f64,
     pub(super) spacing: [f64; 2],
     /// Speed of waves in a bar of the fine model's material \[m/s\].
     pub(super) speed: f64,
-    /// Unit vector from the coarse to the fine model, and a point of the coarse border.
-    axis: Vector3<f64>,
-    origin: Point3<f64>,
-    /// The fine model in the place of both.
-    pub(super) fine: Everywhere,
+    pub(super) frame: Frame,
 }
 
-/// One of the models in the place of both.
-pub(super) struct Everywhere {
+/// A model on its own.
+pub(super) struct Part {
     body: Body,
-    pub(super) places: Arc<Places>,
+    pub(super) places: Places,
     /// Masses without weights.
-    full: Vec<f64>,
+    pub(super) full: Vec<f64>,
 }
+
+impl Part {
+    fn new(body: Body, frame: Frame) -> Result<Self> {
+        let (places, full) = (places(&body, frame), masses(&body, &Uniform(1.0))?);
+        Ok(Self { body, places, full })
+    }
+}
+
+/// A point of the coarse border, and the unit vector from the coarse to the fine model.
+type Frame = (Point3<f64>, Vector3<f64>);
 
 /// Weights of the coarse and the fine model.
 pub(super) type Pair = [Weights<f64>; 2];
@@ -61,7 +73,7 @@ impl Case {
     ) -> Result<Self> {
         let scene = bare(scene);
         let (name, table) = match scene.interface.iter().collect::<Vec<_>>().as_slice() {
-            [(name, table)] if scene.model.len() == 2 => ((*name).clone(), (*table).clone()),
+            [(name, table)] if scene.model.len() == 2 => ((*name).clone(), *table),
             more => {
                 let rule = "must be one, between the only two models; take the others out";
                 return Err(value("interface", format!("{} interfaces", more.len()), rule));
@@ -72,222 +84,200 @@ impl Case {
             return Err(key(format!("interface.{name}.overlap"), rule));
         };
         let [coarse, fine] = [coarse, fine].map(|x| Point3::from(*x));
-        let (axis, width) = ((fine - coarse).normalize(), (fine - coarse).norm());
+        let frame = (coarse, (fine - coarse).normalize());
         let names = [&table.coarse, &table.fine];
-        let whole = united(&scene, names, axis)?;
-        let (bodies, interfaces) = setup::parts(&scene, folder, announce)?;
-        let Some(interface) = interfaces.into_iter().next() else {
-            return Err(key("interface", "is missing"));
-        };
+        united(&scene, names, frame.1)?;
+        let (bodies, interface) = setup::parts(&scene, folder, announce)?;
+        let interface = single(interface)?;
         let sides = [interface.spec.coarse, interface.spec.fine];
         for side in sides {
-            linear(&bodies[side])?;
+            stiffness(&bodies[side])?;
         }
-        let frame = (coarse, axis);
-        let places = places(&sides.map(|s| &bodies[s]), frame);
-        let fine = everywhere((&scene, folder), whole, names, frame, announce)?;
-        let mut full = Vec::new();
-        for s in sides {
-            full.extend(masses(&bodies[s], &Uniform(1.0))?);
+        let mut nodal = scene.clone();
+        let tables = nodal.interface.values_mut();
+        tables.for_each(|i| i.weight.weighting = Weighting::Nodal);
+        let nodal = single(setup::interfaces_of(&nodal, folder, &bodies)?)?;
+        let mut bodies = bodies;
+        if sides[COARSE] > sides[FINE] {
+            bodies.reverse();
         }
-        let material = bodies[sides[1]].material.as_ref().map(Elastic::bar_speed);
+        bodies.push(everywhere((&scene, folder), names, frame, announce)?);
+        if bodies[COARSE].model.layout().components == 1 {
+            let reversed = [names[1], names[0]];
+            bodies.push(everywhere((&scene, folder), reversed, frame, &mut |_, _, _| ())?);
+        }
+        let material = bodies[FINE].material.as_ref().map(Elastic::bar_speed);
         Ok(Self {
             speed: material
                 .ok_or_else(|| key(format!("model.{}", table.fine), "has no material to compare"))?,
-            width,
-            spacing: sides.map(|s| bodies[s].spacing),
-            places: Arc::new(places),
-            folder: folder.to_owned(),
-            origin: coarse,
-            axis,
-            full,
-            fine,
+            width: (fine - coarse).norm(),
+            spacing: [COARSE, FINE].map(|k| bodies[k].spacing),
+            weights: with_complement(interface.weights.clone()),
+            nodal: with_complement(nodal.weights),
+            parts: bodies
+                .into_iter()
+                .map(|b| Part::new(b, frame))
+                .collect::<Result<_>>()?,
+            frame,
             name,
-            scene,
-            bodies,
             interface,
         })
     }
 
-    fn sides(&self) -> [usize; 2] {
-        [self.interface.spec.coarse, self.interface.spec.fine]
-    }
-
-    /// Weights of the scene.
-    pub(super) fn weights(&self) -> Pair {
-        with_complement(self.interface.weights.clone())
-    }
-
-    /// Weights that the scene would have with weights at nodes.
-    pub(super) fn nodal_weights(&self) -> Result<Pair> {
-        let mut scene = self.scene.clone();
-        if let Some(i) = scene.interface.get_mut(&self.name) {
-            i.weight.weighting = Weighting::Nodal;
+    /// Systems of one or two models as one, each with weights of stiffness and masses, without coupling. A
+    /// model without weights lends its shape functions only.
+    pub(super) fn assemble(&mut self, models: &[(usize, Option<[&dyn Weight<f64>; 2]>)]) -> Result<System> {
+        let (mut places, mut mass, mut full) = (Places::default(), Vec::new(), Vec::new());
+        let mut blocks: Option<CsMat<f64>> = None;
+        for (k, weights) in models {
+            let part = &mut self.parts[*k];
+            let n = part.full.len();
+            places.append(&part.places);
+            full.extend(&part.full);
+            let block = match weights {
+                None => {
+                    mass.resize(mass.len() + n, 0.0);
+                    CsMat::zero((n, n))
+                }
+                Some([internal, kinetic]) => {
+                    mass.extend(masses(&part.body, *kinetic)?);
+                    let model = &mut part.body.model;
+                    let weighted = model.set_internal_weight(*internal);
+                    weighted.map_err(core(format!("model.{}", part.body.model.name())))?;
+                    stiffness(&part.body)?
+                }
+            };
+            blocks = Some(match blocks {
+                None => block,
+                Some(before) => bmat(&[[Some(before.view()), None], [None, Some(block.view())]]),
+            });
         }
-        let built = setup::interfaces_of(&scene, &self.folder, &self.bodies)?;
-        let coarse = built.into_iter().next().map(|b| b.weights);
-        Ok(with_complement(
-            coarse.ok_or_else(|| key("interface", "is missing"))?,
-        ))
-    }
-
-    /// Overlap between two distances from the coarse border.
-    pub(super) fn slab(&self, from: f64, to: f64) -> Result<Slab<f64>> {
-        let at = |x: f64| self.origin + self.axis * x;
-        Slab::between(at(to), at(from)).map_err(core("compare"))
-    }
-
-    /// Systems of both models as one, without weights and coupling.
-    pub(super) fn plain_system(&mut self) -> Result<System> {
-        let unit = || Weights::from_weight(Arc::new(Uniform(1.0)));
-        self.system(&[unit(), unit()])
-    }
-
-    /// The coarse model in the place of both.
-    pub(super) fn coarse_everywhere(&self) -> Result<Everywhere> {
-        let table = &self.scene.interface[&self.name];
-        let (frame, names) = (self.frame(), [&table.fine, &table.coarse]);
-        let whole = united(&self.scene, names, frame.1)?;
-        everywhere(
-            (&self.scene, &self.folder),
-            whole,
-            names,
-            frame,
-            &mut |_, _, _| (),
-        )
+        let stiffness = blocks.unwrap_or_else(|| CsMat::zero((0, 0)));
+        Ok(System::new(Arc::new(places), mass, &full, stiffness))
     }
 
     /// Weighted systems of both models as one, without coupling.
-    pub(super) fn system(&mut self, weights: &Pair) -> Result<System> {
-        let (mut mass, mut stiffness) = (Vec::new(), Vec::new());
-        for (side, w) in self.sides().into_iter().zip(weights) {
-            let body = &mut self.bodies[side];
-            stiffness.push(weighted(body, &*w.internal)?);
-            mass.extend(masses(body, &*w.kinetic)?);
-        }
-        let stiffness = block_diagonal(&stiffness[0], &stiffness[1]);
-        Ok(System::new(self.places.clone(), mass, &self.full, stiffness))
+    pub(super) fn system(&mut self, [coarse, fine]: &Pair) -> Result<System> {
+        self.assemble(&[
+            (COARSE, Some([&*coarse.internal, &*coarse.kinetic])),
+            (FINE, Some([&*fine.internal, &*fine.kinetic])),
+        ])
     }
 
-    /// Values of a pair of weights at the node of every unknown.
+    /// Fine model in the place of both after a mesh without a law of its own.
+    pub(super) fn slaved(&mut self, mesh: usize, weight: &dyn Weight<f64>) -> Result<System> {
+        self.assemble(&[(mesh, None), (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]))])
+    }
+
+    /// Values of a pair of weights at the node of every unknown of both models.
     pub(super) fn nodal_values(&self, weights: [&dyn Weight<f64>; 2]) -> Vec<f64> {
         let mut out = Vec::new();
-        for (side, w) in self.sides().into_iter().zip(weights) {
-            let model = &self.bodies[side].model;
+        for (part, w) in self.parts.iter().zip(weights) {
+            let model = &part.body.model;
             let (layout, nodes) = (model.layout(), model.nodes());
-            out.extend((0..layout.dofs()).map(|d| w.value(&nodes[layout.node_of(d)])));
+            out.extend((0..layout.dofs()).map(|d| w.value(&self.rounded(nodes[layout.node_of(d)]))));
         }
         out
     }
 
-    /// Fine model in the place of both, weighted.
-    pub(super) fn fine_system(&mut self, weight: &dyn Weight<f64>) -> Result<System> {
-        let stiffness = weighted(&mut self.fine.body, weight)?;
-        let fine = &self.fine;
-        Ok(System::new(
-            fine.places.clone(),
-            fine.full.clone(),
-            &fine.full,
-            stiffness,
-        ))
+    /// Moves a node on a border into the overlap, so that round-off does not decide whether it has a weight.
+    fn rounded(&self, x: Point3<f64>) -> Point3<f64> {
+        let (s, r) = (self.distance(&x), 1e-9 * self.width);
+        let is_near = s > -r && s < self.width + r;
+        let shift = if is_near {
+            s.clamp(r, self.width - r) - s
+        } else {
+            0.0
+        };
+        x + self.frame.1 * shift
+    }
+
+    /// Weight by the distances of the nearest and the farthest corner of a cell from the coarse border.
+    pub(super) fn weight(
+        &self,
+        value: impl Fn([f64; 2]) -> f64 + Send + Sync + 'static,
+    ) -> Arc<dyn Weight<f64>> {
+        let frame = self.frame;
+        Arc::new(Along { frame, value })
     }
 
     /// Rows `[B_C, −B_D]` of the scene's interface.
     pub(super) fn coupling(&self, system: &System) -> Result<CsMat<f64>> {
-        let split = self.places.split;
-        let inverse = [&system.inverse[..split], &system.inverse[split..]];
-        let weights = self.weights();
         let side = |k: usize| {
-            let body = &self.bodies[self.sides()[k]];
+            let body = &self.parts[k].body;
             Side {
                 name: body.model.name(),
                 field: &*body.field,
                 layout: body.model.layout(),
-                inverse_inertia: inverse[k],
-                weight: &*weights[k].kinetic,
+                inverse_inertia: &system.inverse[system.sides()[k].clone()],
+                weight: &*self.weights[k].kinetic,
             }
         };
         let path = format!("interface.{}", self.name);
-        let built = Interface::new(&self.interface.spec, [side(0), side(1)]).map_err(core(&*path))?;
-        let [coarse, fine] = [0, 1].map(|k| built.coupling_matrix(k));
-        let (Some(coarse), Some(fine)) = (coarse, fine) else {
+        let built = Interface::new(&self.interface.spec, [side(COARSE), side(FINE)]).map_err(core(&*path))?;
+        let [Some(coarse), Some(fine)] = [COARSE, FINE].map(|k| built.coupling_matrix(k)) else {
             return Err(key(path, "has no coupling matrices"));
         };
-        Ok(difference(&coarse, &fine, system.size()))
+        // Rotations of particles, the last unknowns, are not coupled.
+        let rotations = CsMat::zero((coarse.rows(), system.size() - coarse.cols() - fine.cols()));
+        Ok(hstack(&[coarse.view(), fine.map(|x| -x).view(), rotations.view()]).to_csr())
     }
 
     /// Number of displacement components.
     pub(super) fn components(&self) -> usize {
-        self.bodies[self.sides()[0]].model.layout().components
+        self.parts[COARSE].body.model.layout().components
     }
 
-    /// Particles of the fine model, or of the fine model everywhere, in a range of distances from the coarse
-    /// border, with their shape functions of the coarse model. Particles outside of the coarse mesh are left
-    /// out.
-    pub(super) fn followers(&self, everywhere: bool, range: [f64; 2]) -> Vec<(usize, ShapeRow<f64>)> {
-        let [coarse, fine] = self.sides().map(|s| &self.bodies[s]);
-        let fine = if everywhere { &self.fine.body } else { fine };
-        self.covered(fine, coarse, range)
-    }
-
-    /// All particles of the fine model everywhere, with their shape functions of the coarse one.
-    pub(super) fn all_followers(&self, coarse: &Everywhere) -> Vec<(usize, ShapeRow<f64>)> {
-        self.covered(&self.fine.body, &coarse.body, [f64::NEG_INFINITY, f64::INFINITY])
-    }
-
-    /// Nodes of a model in a range of distances that lie in another one, with its shape functions there.
-    fn covered(&self, points: &Body, field: &Body, range: [f64; 2]) -> Vec<(usize, ShapeRow<f64>)> {
-        let shapes = self.shapes(points, field, range);
-        shapes.filter_map(|(k, row)| Some((k, row.ok()?))).collect()
-    }
-
-    /// Nodes of the coarse model in a range of distances, with the shape functions of the fine model.
-    ///
-    /// # Errors
-    /// A fine model whose field exists at its particles only.
-    pub(super) fn border_nodes(&self, range: [f64; 2]) -> Result<Vec<(usize, ShapeRow<f64>)>> {
-        let [coarse, fine] = self.sides().map(|s| &self.bodies[s]);
-        let row = |(k, row): (usize, arlequin::core::Result<_>)| {
-            let name = fine.model.name();
-            let row = row.map_err(|e| {
-                let rule = format!(
-                    "needs the displacement of model '{name}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
-                     elements"
-                );
-                self.refusal(Method::Schwarz, &rule)
-            });
-            Ok((k, row?))
-        };
-        self.shapes(coarse, fine, range).map(row).collect()
-    }
-
-    /// Nodes of a model in a range of distances, with the shape functions of another one.
-    fn shapes<'a>(
-        &'a self,
-        points: &'a Body,
-        field: &'a Body,
+    /// Nodes of a model in a range of distances from the coarse border, with the shape functions of another
+    /// one.
+    pub(super) fn shapes(
+        &self,
+        [field, points]: [usize; 2],
         range: [f64; 2],
-    ) -> impl Iterator<Item = (usize, arlequin::core::Result<ShapeRow<f64>>)> + 'a {
+    ) -> impl Iterator<Item = (usize, arlequin::core::Result<ShapeRow<f64>>)> {
         let rounded = 1e-9 * self.width;
-        let nodes = points.model.nodes().iter().enumerate();
+        let nodes = self.parts[points].body.model.nodes().iter().enumerate();
         let nodes = nodes.filter(move |(_, x)| {
             let distance = self.distance(x);
             distance >= range[0] - rounded && distance <= range[1] + rounded
         });
-        nodes.map(|(k, x)| {
+        nodes.map(move |(k, x)| {
             let mut row = ShapeRow::default();
-            (k, field.field.shape_at(x, false, &mut row).map(|()| row))
+            let field = &self.parts[field].body.field;
+            (k, field.shape_at(x, false, &mut row).map(|()| row))
         })
     }
 
+    /// Lets nodes of a model in a range of distances that `choose` takes, by their first unknown, follow the
+    /// field of another model, whose unknowns come before. Nodes outside of the field are left out.
+    pub(super) fn followers(
+        &self,
+        models: [usize; 2],
+        range: [f64; 2],
+        choose: &dyn Fn(usize) -> bool,
+    ) -> Followers {
+        let [first, more] = models.map(|k| self.parts[k].full.len());
+        let d = self.components();
+        let nodes = self
+            .shapes(models, range)
+            .filter_map(|(k, row)| Some((first + k * d, 0, row.ok()?)));
+        let nodes: Vec<_> = nodes.filter(|(i, ..)| choose(*i)).collect();
+        Followers::new(first + more, d, &nodes)
+    }
+
     /// Refuses a method by its name, with the reason and the remedy.
-    pub(super) fn refusal(&self, method: Method, rule: &str) -> crate::error::Error {
+    pub(super) fn refusal(&self, method: Method, rule: &str) -> Error {
         value(format!("interface.{}.method", self.name), method.name(), rule)
     }
 
+    /// Name of a model.
+    pub(super) fn model_name(&self, part: usize) -> &str {
+        self.parts[part].body.model.name()
+    }
+
     /// Distance of a point from the coarse border.
-    pub(super) fn distance(&self, x: &Point3<f64>) -> f64 {
-        (x - self.origin).dot(&self.axis)
+    fn distance(&self, x: &Point3<f64>) -> f64 {
+        (x - self.frame.0).dot(&self.frame.1)
     }
 
     /// Lengths of the models' own regions \[m\], the coarse one first.
@@ -295,37 +285,42 @@ impl Case {
     /// # Errors
     /// A region without room for a pulse that the coarse model carries.
     pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
-        let (coarse, fine) = self.places.x.split_at(self.places.split);
+        let x = |k: usize| self.parts[k].places.x.iter().copied();
         let lengths = [
-            -coarse.iter().copied().fold(0.0, f64::min),
-            fine.iter().copied().fold(0.0, f64::max) - self.width,
+            -x(COARSE).fold(0.0, f64::min),
+            x(FINE).fold(0.0, f64::max) - self.width,
         ];
-        for (side, length) in self.sides().into_iter().zip(lengths) {
-            let spacings = length / self.spacing[0];
+        for (k, length) in lengths.into_iter().enumerate() {
+            let spacings = length / self.spacing[COARSE];
             if spacings.is_nan() || spacings < ROOM {
                 let rule = format!(
                     "coarse spacings beside the overlap must be at least {ROOM}, so that a pulse has room; lengthen the model, narrow \
                      the overlap or take a finer coarse mesh"
                 );
-                let name = self.bodies[side].model.name();
-                return Err(value(
-                    format!("model.{name}.shape"),
-                    format!("{spacings:.1}"),
-                    &rule,
-                ));
+                let path = format!("model.{}.shape", self.model_name(k));
+                return Err(value(path, format!("{spacings:.1}"), &rule));
             }
         }
         Ok(lengths)
     }
+}
 
-    /// Nodes of the coarse model.
-    pub(super) fn coarse_nodes(&self) -> &[Point3<f64>] {
-        self.bodies[self.sides()[0]].model.nodes()
+/// Weight by the distances of the nearest and the farthest corner of a cell.
+struct Along<F> {
+    frame: Frame,
+    value: F,
+}
+
+impl<F: Fn([f64; 2]) -> f64 + Send + Sync> Weight<f64> for Along<F> {
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        (self.value)([(x - self.frame.0).dot(&self.frame.1); 2])
     }
 
-    /// A point of the coarse border and the axis.
-    pub(super) fn frame(&self) -> (Point3<f64>, Vector3<f64>) {
-        (self.origin, self.axis)
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        let [low, high] = cell.bounds();
+        let (origin, axis) = &self.frame;
+        let (middle, half) = (center(&low, &high) - origin, 0.5 * (high - low).dot(&axis.abs()));
+        (self.value)([middle.dot(axis) - half, middle.dot(axis) + half])
     }
 }
 
@@ -353,45 +348,45 @@ fn bare(scene: &LoweredScene) -> LoweredScene {
     out
 }
 
+/// The only interface or body of a scene.
+fn single<T>(mut built: Vec<T>) -> Result<T> {
+    built.pop().ok_or_else(|| key("interface", "is missing"))
+}
+
 /// Builds one model over the place of both; `names` are the model that goes and the one that stays.
 fn everywhere(
     (scene, folder): (&LoweredScene, &Path),
-    shape: Shape,
-    [gone, kept]: [&String; 2],
-    frame: (Point3<f64>, Vector3<f64>),
+    names: [&String; 2],
+    frame: Frame,
     announce: &mut dyn FnMut(&str, usize, usize),
-) -> Result<Everywhere> {
+) -> Result<Body> {
+    let shape = united(scene, names, frame.1)?;
+    let [gone, kept] = names;
     let mut whole = scene.clone();
     whole.interface.clear();
     whole.model.remove(gone);
-    let path = |what: &str| format!("model.{kept}.{what}");
     if let Some(model) = whole.model.get_mut(kept) {
         if model.spacing.is_none() {
             let rule = "is missing: the comparison builds the model in the place of both; give spacing";
-            return Err(key(path("spacing"), rule));
+            return Err(key(format!("model.{kept}.spacing"), rule));
         }
         model.shape = BodyShape::Given(shape);
         model.role = None;
     }
-    let (bodies, _) = setup::parts(&whole, folder, announce)?;
-    let body = bodies
-        .into_iter()
-        .next()
-        .ok_or_else(|| key(path("shape"), "makes no body"))?;
-    Ok(Everywhere {
-        full: masses(&body, &Uniform(1.0))?,
-        places: Arc::new(places(&[&body], frame)),
-        body,
-    })
+    single(setup::parts(&whole, folder, announce)?.0)
 }
 
-/// Refuses a model without a stiffness matrix.
-fn linear(body: &Body) -> Result<()> {
-    if body.model.views().linear.is_some() {
-        return Ok(());
-    }
-    let rule = "is not linear, so that the methods cannot be compared on its stiffness; take out dem.finite_rotations or the link";
-    Err(value("model", body.model.name(), rule))
+/// Stiffness of a model with its present weights.
+///
+/// # Errors
+/// A model without a stiffness matrix.
+fn stiffness(body: &Body) -> Result<CsMat<f64>> {
+    let linear = body.model.views().linear.map(|l| l.stiffness().to_csr());
+    linear.ok_or_else(|| {
+        let rule = "is not linear, so that the methods cannot be compared on its stiffness; take out dem.finite_rotations or \
+                    the link";
+        value("model", body.model.name(), rule)
+    })
 }
 
 fn masses(body: &Body, weight: &dyn Weight<f64>) -> Result<Vec<f64>> {
@@ -401,51 +396,26 @@ fn masses(body: &Body, weight: &dyn Weight<f64>) -> Result<Vec<f64>> {
     Ok(out)
 }
 
-fn weighted(body: &mut Body, weight: &dyn Weight<f64>) -> Result<CsMat<f64>> {
-    let path = format!("model.{}", body.model.name());
-    body.model.set_internal_weight(weight).map_err(core(&*path))?;
-    let stiffness = body.model.views().linear.map(|l| l.stiffness().to_csr());
-    stiffness.ok_or_else(|| key(path, "is not linear"))
-}
-
-/// Places of the unknowns of one or two models.
-fn places(bodies: &[&Body], (origin, axis): (Point3<f64>, Vector3<f64>)) -> Places {
-    let mut out = Places {
-        split: if bodies.len() == 2 {
-            bodies[0].model.layout().dofs()
-        } else {
-            0
-        },
-        ..Places::default()
-    };
-    let middle = middle(bodies);
-    for body in bodies {
-        let (layout, nodes) = (body.model.layout(), body.model.nodes());
-        let poisson = body.material.as_ref().map_or(0.0, |m| m.poisson());
-        for d in 0..layout.dofs() {
-            let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
-            let offset = node - middle;
-            let across = poisson * (offset - axis * offset.dot(&axis));
-            let moves = d < layout.translations();
-            let factor = f64::from(u8::from(moves));
-            out.x.push((node - origin).dot(&axis));
-            out.axial.push(factor * axis[c]);
-            // Nothing moves across a line.
-            out.across.push(if layout.components == 3 {
-                factor * across[c]
-            } else {
-                0.0
-            });
-            out.moves.push(moves);
-        }
+/// Places of the unknowns of a model.
+fn places(body: &Body, (origin, axis): Frame) -> Places {
+    let mut out = Places::default();
+    let (layout, nodes) = (body.model.layout(), body.model.nodes());
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
+    let [low, high] = nodes
+        .iter()
+        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
+    // Nothing moves across a line.
+    let poisson = body.material.as_ref().filter(|_| layout.components == 3);
+    let poisson = poisson.map_or(0.0, |m| m.poisson());
+    for d in 0..layout.dofs() {
+        let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
+        let offset = node - center(&low, &high);
+        let across = poisson * (offset - axis * offset.dot(&axis));
+        let moves = d < layout.translations();
+        out.x.push((node - origin).dot(&axis));
+        out.axial.push(if moves { axis[c] } else { 0.0 });
+        out.across.push(if moves { across[c] } else { 0.0 });
+        out.moves.push(moves);
     }
     out
-}
-
-/// Middle of the box around all nodes.
-fn middle(bodies: &[&Body]) -> Point3<f64> {
-    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
-    let nodes = bodies.iter().flat_map(|b| b.model.nodes());
-    let [low, high] = nodes.fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
-    arlequin::core::nalgebra::center(&low, &high)
 }

@@ -1,7 +1,8 @@
 //! Measurements of a coupling: waves across the overlap, uniform strain, a random state.
 
+use super::Row;
 use super::case::Case;
-use super::method::Coupling;
+use super::method::{Coupling, State};
 use super::system::{Places, System};
 use crate::error::Result;
 use std::collections::BTreeMap;
@@ -21,15 +22,14 @@ const RANDOM_STEPS: [f64; 2] = [500.0, 20_000.0];
 /// Waves that all methods of a board meet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves {
-    /// Half width of the pulse \[m\].
-    pub(super) half: f64,
-    /// Wavelength of the packet above the coarse cutoff \[m\]; `None` if the fine model cannot carry one.
-    pub(super) wavelength: Option<f64>,
-    /// Half width of the packet \[m\].
-    packet: f64,
+    /// The pulse from the fine and from the coarse model, and how long \[s\] it takes to pass.
+    pub(super) down: (Wave, f64),
+    up: (Wave, f64),
+    /// The packet above the coarse cutoff from the fine model, and how long \[s\] it takes to meet the overlap
+    /// and to leave it; `None` if the fine model cannot carry one.
+    pub(super) packet: Option<(Wave, f64)>,
     width: f64,
     spacing: [f64; 2],
-    speed: f64,
     /// Duration of the run from a random state \[s\].
     random: f64,
 }
@@ -41,67 +41,56 @@ impl Waves {
     /// Models that are too short for a pulse.
     pub(super) fn new(case: &Case, default: &dyn Coupling) -> Result<Self> {
         let [coarse, fine] = case.own_lengths()?;
-        let [h, d] = case.spacing;
+        let ([h, d], width, speed) = (case.spacing, case.width, case.speed);
         let half = (PULSE * h).min(FILLED * coarse).min(FILLED * fine);
-        // Elements carry nothing shorter than two spacings, particles hardly anything below four.
-        let wavelength = (0.8 * h).max(4.0 * d);
+        let pulse = |centre: f64, way: f64, velocity: f64| {
+            let wave = Wave::new(centre, half, f64::INFINITY, velocity);
+            (wave, (way + 1.2 * half) / speed)
+        };
         let steps = (RANDOM_WORK / default.work()).clamp(RANDOM_STEPS[0], RANDOM_STEPS[1]);
         Ok(Self {
-            wavelength: (wavelength < 1.6 * h).then_some(wavelength),
-            packet: (6.0 * wavelength).min(FILLED * fine),
-            random: steps.round() * default.pace().step,
-            width: case.width,
+            down: pulse(width + half + d, width + half + d, -speed),
+            up: pulse(-half - h, width + half + h, speed),
+            packet: packet(case, fine),
+            random: steps.round() * default.state().pace.step,
             spacing: case.spacing,
-            speed: case.speed,
-            half,
+            width,
         })
     }
+}
 
-    /// The pulse from the fine or from the coarse model, and how long it takes to pass.
-    pub(super) fn pulse(&self, from_fine: bool) -> (Wave, f64) {
-        let [h, d] = self.spacing;
-        let (centre, velocity, way) = if from_fine {
-            let centre = self.width + self.half + d;
-            (centre, -self.speed, centre)
-        } else {
-            (-self.half - h, self.speed, self.width + self.half + h)
-        };
-        let wave = Wave {
-            centre,
-            half: self.half,
-            wavenumber: 0.0,
-            velocity,
-        };
-        (wave, (way + 1.2 * self.half) / self.speed)
-    }
-
-    /// The packet from the fine model, and how long it takes to meet the overlap and to leave it.
-    fn packet(&self, wavelength: f64) -> (Wave, f64) {
-        let k = TAU / wavelength;
-        let phase = 0.5 * k * self.spacing[1];
-        let wave = Wave {
-            centre: self.width + self.packet + self.spacing[1],
-            half: self.packet,
-            wavenumber: k,
-            velocity: -self.speed * phase.sin() / phase,
-        };
-        (
-            wave,
-            (2.0 * self.packet + 2.5 * self.width) / (self.speed * phase.cos()),
-        )
-    }
+/// Elements carry nothing shorter than two spacings, particles hardly anything below four.
+fn packet(case: &Case, room: f64) -> Option<(Wave, f64)> {
+    let ([h, d], width) = (case.spacing, case.width);
+    let length = (0.8 * h).max(4.0 * d);
+    let half = (6.0 * length).min(FILLED * room);
+    let phase = PI * d / length;
+    let velocity = -case.speed * phase.sin() / phase;
+    let time = (2.0 * half + 2.5 * width) / (case.speed * phase.cos());
+    (length < 1.6 * h).then(|| (Wave::new(width + half + d, half, length, velocity), time))
 }
 
 /// Plane wave `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, that travels one way.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave {
     centre: f64,
-    half: f64,
-    wavenumber: f64,
+    /// Half width \[m\].
+    pub(super) half: f64,
+    /// Wavelength \[m\]; infinite for a pulse.
+    pub(super) length: f64,
     velocity: f64,
 }
 
 impl Wave {
+    fn new(centre: f64, half: f64, length: f64, velocity: f64) -> Self {
+        Self {
+            centre,
+            half,
+            length,
+            velocity,
+        }
+    }
+
     /// Displacement and velocity at a place.
     fn value(&self, x: f64) -> [f64; 2] {
         let y = (x - self.centre) / self.half;
@@ -109,9 +98,10 @@ impl Wave {
             return [0.0; 2];
         }
         let (c, s) = ((FRAC_PI_2 * y).cos(), (FRAC_PI_2 * y).sin());
-        let phase = self.wavenumber * (x - self.centre);
+        let wavenumber = TAU / self.length;
+        let phase = wavenumber * (x - self.centre);
         let slope = -2.0 * PI * c.powi(3) * s / self.half * phase.cos();
-        let slope = slope - self.wavenumber * c.powi(4) * phase.sin();
+        let slope = slope - wavenumber * c.powi(4) * phase.sin();
         [c.powi(4) * phase.cos(), -self.velocity * slope]
     }
 
@@ -140,32 +130,28 @@ impl Wave {
 /// Starts a wave and lets it run for a time; returns the energy \[J\] at the begin, and at the end beyond the
 /// overlap and in all.
 pub(super) fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
-    let places = method.whole().places.clone();
-    let [q, v] = wave.state(&places);
-    method.reset(&q, &v);
-    let before = at_whole_step(method);
+    start(method, wave);
+    let before = method.whole_energy();
     advance(method, time);
-    [before, beyond(method), at_whole_step(method)]
+    [before, beyond(method), method.whole_energy()]
 }
 
-/// Energy of both models \[J\] from displacements and velocities at the same instant.
-pub(super) fn at_whole_step(method: &dyn Coupling) -> f64 {
-    let [q, v] = method.motion();
-    method.whole().energies(&q, &v).iter().sum()
+fn start(method: &mut dyn Coupling, wave: &Wave) {
+    let [q, v] = wave.state(&method.state().whole.places);
+    method.reset(&q, &v);
 }
 
-/// Makes the steps nearest to a time.
-fn advance(method: &mut dyn Coupling, time: f64) {
-    for _ in 0..(time / method.pace().step).round() as usize {
-        method.advance();
-    }
+/// Makes the steps nearest to a time, one at least, and returns their number.
+fn advance(method: &mut dyn Coupling, time: f64) -> f64 {
+    let steps = (time / method.state().pace.step).round().max(1.0);
+    (0..steps as usize).for_each(|_| method.advance());
+    steps
 }
 
 /// Energy in the coarse model's own region \[J\].
 fn beyond(method: &dyn Coupling) -> f64 {
-    let [q, v] = method.motion();
-    let system = method.whole();
-    let parts = system.energies(&q, &v).into_iter().zip(&system.places.x);
+    let State { whole, now, .. } = method.state();
+    let parts = whole.energies(now).into_iter().zip(&whole.places.x);
     parts.filter(|(_, x)| **x < 0.0).map(|(e, _)| e).sum()
 }
 
@@ -178,7 +164,7 @@ pub(super) struct Profile(Vec<[f64; 2]>);
 fn layers(system: &System, q: &[f64], thickness: f64) -> Vec<[f64; 2]> {
     let places = &system.places;
     let mut sums = BTreeMap::<i64, [f64; 3]>::new();
-    for i in (0..system.size()).filter(|i| places.axial[*i] != 0.0 && system.mass[*i] > 0.0) {
+    for i in system.axial() {
         let sum = sums.entry((places.x[i] / thickness).round() as i64).or_default();
         let m = system.mass[i] * places.axial[i].powi(2);
         sum[0] += m;
@@ -198,119 +184,105 @@ impl Profile {
     }
 }
 
-/// Results of the pulse from the fine model.
-pub(super) struct Passage {
-    /// Share of the energy that did not pass.
-    pub(super) reflected: f64,
-    /// Error of the displacements beyond the overlap against the fine model everywhere.
-    pub(super) error: Option<f64>,
-    /// Displacements, if they are the reference.
-    pub(super) profile: Profile,
-    /// Relative change of the energy over ten times the passage.
-    pub(super) drift: f64,
+/// Measures one method; critical step, cost and time are no ratios yet. Returns also the displacements behind
+/// the pulse.
+pub(super) fn row(
+    name: &str,
+    (setup, m): (f64, &mut dyn Coupling),
+    waves: &Waves,
+    reference: Option<&Profile>,
+) -> Result<(Row, Profile)> {
+    let (wave, time) = waves.down;
+    let [before, coarse, after] = run(m, &wave, time);
+    let (pulse_error, profile) = arrival(m, time, waves, reference);
+    start(m, &wave);
+    let begin = m.energy();
+    advance(m, PASSAGES * time);
+    let pulse_drift = m.energy() / begin - 1.0;
+    let [start, back, _] = run(m, &waves.up.0, waves.up.1);
+    let above = above(m, waves);
+    let [drift, momentum, seconds] = noise(m, waves);
+    let pace = m.state().pace;
+    let row = Row {
+        method: name.to_owned(),
+        // What has left the method altogether was not reflected.
+        down: (after - coarse) / before,
+        patch: patch(m, waves)?,
+        critical: pace.critical,
+        time: seconds / pace.step,
+        // After the runs: how often an alternation alternates is known by then.
+        cost: m.work() / pace.step,
+        pulse_error,
+        pulse_drift,
+        up: back / start,
+        above,
+        momentum,
+        drift,
+        setup,
+    };
+    Ok((row, profile))
 }
 
-/// Sends the pulse from the fine model.
-pub(super) fn down(method: &mut dyn Coupling, waves: &Waves, reference: Option<&Profile>) -> Passage {
-    let (wave, time) = waves.pulse(true);
-    let [before, coarse, all] = run(method, &wave, time);
-    let [mut q, v] = method.motion();
+/// Error of the displacements beyond the overlap against the fine model everywhere, a time after the start,
+/// and the displacements by layers.
+fn arrival(
+    m: &dyn Coupling,
+    time: f64,
+    waves: &Waves,
+    reference: Option<&Profile>,
+) -> (Option<f64>, Profile) {
+    let State {
+        whole: system,
+        pace,
+        now,
+    } = m.state();
     // All methods are compared at one instant, whatever their steps.
-    let step = method.pace().step;
-    let left = time - (time / step).round() * step;
-    q.iter_mut().zip(&v).for_each(|(q, v)| *q += left * v);
-    let system = method.whole();
-    let squares = |p: &Profile| {
+    let left = time - (time / pace.step).round() * pace.step;
+    let q: Vec<f64> = now.q.iter().zip(&now.v).map(|(q, v)| q + left * v).collect();
+    let places = &system.places;
+    let error = reference.map(|p| {
         let mut sums = [0.0; 2];
-        let places = &system.places;
-        for i in
-            (0..q.len()).filter(|i| places.x[*i] < 0.0 && places.axial[*i] != 0.0 && system.mass[*i] > 0.0)
-        {
+        for i in system.axial().filter(|i| places.x[*i] < 0.0) {
             let wanted = p.value(places.x[i]) * places.axial[i];
             sums[0] += system.mass[i] * (q[i] - wanted).powi(2);
             sums[1] += system.mass[i] * wanted * wanted;
         }
         (sums[0] / sums[1]).sqrt()
-    };
-    let (error, profile) = (
-        reference.map(squares),
-        Profile(layers(system, &q, waves.spacing[1])),
-    );
-    let [q, v] = wave.state(&method.whole().places.clone());
-    method.reset(&q, &v);
-    let start = method.energy();
-    advance(method, PASSAGES * time);
-    Passage {
-        drift: method.energy() / start - 1.0,
-        error,
-        profile,
-        // What has left the method altogether was not reflected.
-        reflected: (all - coarse) / before,
-    }
-}
-
-/// Share of the energy of the pulse from the coarse model that comes back.
-pub(super) fn up(method: &mut dyn Coupling, waves: &Waves) -> f64 {
-    let (wave, time) = waves.pulse(false);
-    let [before, coarse, _] = run(method, &wave, time);
-    coarse / before
+    });
+    (error, Profile(layers(system, &q, waves.spacing[1])))
 }
 
 /// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
-pub(super) fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
-    let (wave, time) = waves.packet(waves.wavelength?);
-    let places = method.whole().places.clone();
-    let [q, v] = wave.state(&places);
-    method.reset(&q, &v);
+fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
+    let (wave, time) = waves.packet?;
+    start(method, &wave);
     // At whole steps the energies of short waves oscillate; the invariant does not.
     let before = method.energy();
     advance(method, time);
-    let share = beyond(method) / at_whole_step(method);
+    let share = beyond(method) / method.whole_energy();
     Some((1.0 - share) * method.energy() / before)
 }
 
-/// Results of the run from a random state.
-pub(super) struct Noise {
-    /// Relative change of the energy.
-    pub(super) drift: f64,
-    /// Change of the momentum over the sum of its moduli.
-    pub(super) momentum: f64,
-    /// Wall time of a step of the run \[s\].
-    pub(super) seconds: f64,
-}
-
-/// Momentum along the axis \[kg m/s\], and the sum of its moduli.
-fn momentum(method: &dyn Coupling) -> [f64; 2] {
-    method.whole().momentum(&method.motion()[1])
-}
-
-/// Runs from random velocities of all displacements.
-pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> Noise {
-    let places = method.whole().places.clone();
+/// Runs from random velocities of all displacements. Returns the relative change of the energy, the change of
+/// the momentum over the sum of its moduli, and the wall time of a step \[s\].
+pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 3] {
     let mut next = random(1);
-    let v: Vec<f64> = places
-        .moves
-        .iter()
-        .map(|m| if *m { next() } else { 0.0 })
-        .collect();
+    let moves = method.state().whole.places.moves.iter();
+    let v: Vec<f64> = moves.map(|m| if *m { next() } else { 0.0 }).collect();
     method.reset(&vec![0.0; v.len()], &v);
+    let momentum = |m: &dyn Coupling| m.state().whole.momentum(&m.state().now.v);
     let (energy, [before, size]) = (method.energy(), momentum(method));
-    let steps = (waves.random / method.pace().step).round().max(1.0) as usize;
     let begin = Instant::now();
-    for _ in 0..steps {
-        method.advance();
-    }
-    Noise {
-        seconds: begin.elapsed().as_secs_f64() / steps as f64,
-        drift: method.energy() / energy - 1.0,
-        momentum: (momentum(method)[0] - before).abs() / size,
-    }
+    let steps = advance(method, waves.random);
+    let seconds = begin.elapsed().as_secs_f64() / steps;
+    let change = (momentum(method)[0] - before).abs() / size;
+    [method.energy() / energy - 1.0, change, seconds]
 }
 
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the
 /// method has no equilibrium.
-pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
-    let system = method.whole();
+fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
+    let system = &method.state().whole;
     let places = &system.places;
     let layer = 0.6 * waves.spacing[1];
     let ends = places
@@ -320,14 +292,11 @@ pub(super) fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>>
             [a.min(*x), b.max(*x)]
         });
     let at_end = |x: f64| x <= ends[0] + layer || x >= ends[1] - layer;
-    let held: Vec<bool> = (0..system.size())
-        .map(|i| places.axial[i] != 0.0 && at_end(places.x[i]))
-        .collect();
-    let q: Vec<f64> = places.x.iter().zip(&places.axial).map(|(x, a)| x * a).collect();
-    let Some(q) = method.equilibrium(&q, &held)? else {
-        return Ok(None);
-    };
-    Ok(Some(deviation(system, &q, waves)))
+    let unknowns = places.x.iter().zip(&places.axial);
+    let held: Vec<bool> = unknowns.clone().map(|(x, a)| *a != 0.0 && at_end(*x)).collect();
+    let q: Vec<f64> = unknowns.map(|(x, a)| x * a).collect();
+    let q = method.equilibrium(&q, &held)?;
+    Ok(q.map(|q| deviation(system, &q, waves)))
 }
 
 /// Distance of the layers of the overlap from the lines that the models follow outside of it. Where the

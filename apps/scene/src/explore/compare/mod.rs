@@ -24,8 +24,8 @@ use std::time::Instant;
 /// Options of a comparison.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Methods, in the order of the rows; the default comes first in any case. Empty: that of the
-    /// interface, or all if it is the default.
+    /// Methods, in the order of the rows; the default comes first in any case, and a word given twice counts
+    /// once. Empty: that of the interface, or all if it is the default.
     pub methods: Vec<Method>,
     /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
     pub penalty: f64,
@@ -88,9 +88,6 @@ pub struct Row {
     pub time: f64,
 }
 
-/// Wall seconds of the set-up of a coupling, and the coupling.
-type Built = (f64, Box<dyn Coupling>);
-
 /// Couples the models of a scene by each method and measures them.
 ///
 /// # Errors
@@ -107,37 +104,31 @@ pub fn compare(
         return Err(crate::error::value("--penalty", factor, rule));
     }
     let mut case = Case::new(scene.spec(), scene.folder(), announce)?;
-    let (setup, mut default) = built(&mut case, Method::Arlequin, options)?;
-    let waves = Waves::new(&case, &*default)?;
-    let mut reference = method::fine_everywhere(&mut case)?;
-    announce("fine everywhere", 0, 0);
-    let profile = measure::down(&mut *reference, &waves, None).profile;
-    announce(Method::Arlequin.name(), 0, 0);
-    let first = row(
-        Method::Arlequin.name(),
-        (setup, &mut *default),
-        &waves,
-        Some(&profile),
-    )?;
-    let mut rows = vec![first];
-    let mut refused = Vec::new();
-    let own: Vec<Method> = scene.spec().interface.values().map(|i| i.method).collect();
-    let chosen: &[Method] = match (&*options.methods, &*own) {
-        ([], [Method::Arlequin]) => &Method::ALL,
-        ([], own) => own,
-        (chosen, _) => chosen,
+    let couple = |case: &mut Case, m: Method| -> Result<(f64, Box<dyn Coupling>)> {
+        let begin = Instant::now();
+        let coupling = method::couple(case, m, options.penalty)?;
+        Ok((begin.elapsed().as_secs_f64(), coupling))
     };
-    for m in chosen.iter().filter(|m| **m != Method::Arlequin) {
+    let (_, default) = couple(&mut case, Method::Arlequin)?;
+    announce("fine everywhere", 0, 0);
+    let mut reference = method::fine_everywhere(&mut case)?;
+    let waves = Waves::new(&case, &*default)?;
+    let (last, profile) = measure::row("fine everywhere", (0.0, &mut *reference), &waves, None)?;
+    let (mut rows, mut refused) = (Vec::new(), Vec::new());
+    for m in chosen(scene, options) {
         announce(m.name(), 0, 0);
-        let measured = built(&mut case, *m, options)
-            .and_then(|(setup, mut coupling)| row(m.name(), (setup, &mut *coupling), &waves, Some(&profile)));
+        let measured = couple(&mut case, m).and_then(|(setup, mut coupling)| {
+            measure::row(m.name(), (setup, &mut *coupling), &waves, Some(&profile))
+        });
         match measured {
-            Ok(row) => rows.push(row),
-            Err(e) if e.is_input() => refused.push((m.name().to_owned(), e.to_string())),
+            Ok((row, _)) => rows.push(row),
+            Err(e) if e.is_input() && m != Method::Arlequin => {
+                refused.push((m.name().to_owned(), e.to_string()))
+            }
             Err(e) => return Err(e),
         }
     }
-    rows.push(row("fine everywhere", (0.0, &mut *reference), &waves, None)?);
+    rows.push(last);
     let [critical, cost, time] = [rows[0].critical, rows[0].cost, rows[0].time];
     for r in &mut rows {
         r.critical /= critical;
@@ -146,49 +137,28 @@ pub fn compare(
     }
     Ok(Board {
         scene: scene.source().path.display().to_string(),
-        pulse: waves.half / case.spacing[0],
-        packet: waves.wavelength.map(|l| l / case.spacing[0]),
+        pulse: waves.down.0.half / case.spacing[0],
+        packet: waves.packet.map(|(wave, _)| wave.length / case.spacing[0]),
         rows,
         refused,
     })
 }
 
-/// Couples the models by a method and takes the time.
-fn built(case: &mut Case, m: Method, options: &Options) -> Result<Built> {
-    let begin = Instant::now();
-    let coupling = method::couple(case, m, options.penalty)?;
-    Ok((begin.elapsed().as_secs_f64(), coupling))
-}
-
-/// Measures one method; ratios are not taken yet.
-fn row(
-    name: &str,
-    (setup, m): (f64, &mut dyn Coupling),
-    waves: &Waves,
-    reference: Option<&measure::Profile>,
-) -> Result<Row> {
-    let down = measure::down(m, waves, reference);
-    let up = measure::up(m, waves);
-    let above = measure::above(m, waves);
-    let noise = measure::noise(m, waves);
-    let pace = m.pace();
-    // After the runs: how often an alternation alternates is known by then.
-    let cost = m.work() / pace.step;
-    Ok(Row {
-        method: name.to_owned(),
-        down: down.reflected,
-        pulse_error: down.error,
-        pulse_drift: down.drift,
-        patch: measure::patch(m, waves)?,
-        momentum: noise.momentum,
-        drift: noise.drift,
-        critical: pace.critical,
-        time: noise.seconds / pace.step,
-        cost,
-        setup,
-        above,
-        up,
-    })
+/// Methods in the order of their rows, each once, the default first.
+fn chosen(scene: &Scene, options: &Options) -> Vec<Method> {
+    let own: Vec<Method> = scene.spec().interface.values().map(|i| i.method).collect();
+    let chosen: &[Method] = match (&*options.methods, &*own) {
+        ([], [Method::Arlequin]) => &Method::ALL,
+        ([], own) => own,
+        (chosen, _) => chosen,
+    };
+    let mut out = vec![Method::Arlequin];
+    for m in chosen {
+        if !out.contains(m) {
+            out.push(*m);
+        }
+    }
+    out
 }
 
 /// Returns the method with a word.

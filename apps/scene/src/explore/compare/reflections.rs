@@ -1,15 +1,16 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
-use super::method::Coupling;
-use super::sparse::product;
-use super::system::{Lift, Motion, System};
+use super::method::{Coupling, State};
+use super::sparse::{Followers, product, transposed};
+use super::system::{Motion, System};
 use super::tie::Tie;
 use crate::error::Result;
+use arlequin::core::sprs::CsMat;
 
 /// Own step of the finest model over its critical step, as runs have it.
-pub(super) const SHARE: f64 = 0.9;
-/// Most own steps within a step of the run.
-const MOST_OWN: usize = 4;
+const SHARE: f64 = 0.9;
+/// Most own steps within a step of a run.
+pub(super) const MOST_OWN: usize = 4;
 
 /// Step of the run \[s\] and own steps of the fine model within it.
 #[derive(Debug, Clone, Copy)]
@@ -31,17 +32,11 @@ impl Pace {
         })
     }
 
-    /// Own steps as a run chooses them: at most four of the fine model, within half of the coarse critical
+    /// Own steps as a run chooses them: at most `most` of the fine model, within half of the coarse critical
     /// step.
-    pub(super) fn split(system: &System) -> Result<Self> {
-        Self::at_most(MOST_OWN, system)
-    }
-
-    /// At most `most` own steps of the fine model within half of the coarse critical step.
-    pub(super) fn at_most(most: usize, system: &System) -> Result<Self> {
-        let split = system.places.split;
-        let coarse = system.critical(0..split)?;
-        let fine = system.critical(split..system.size())?;
+    pub(super) fn split(system: &System, most: usize) -> Result<Self> {
+        let [coarse, fine] = system.sides().map(|side| system.critical(side));
+        let (coarse, fine) = (coarse?, fine?);
         let critical = coarse.min(fine);
         let own = ((0.5 * coarse / (SHARE * critical)) as usize).clamp(1, most);
         Ok(Self {
@@ -50,147 +45,145 @@ impl Pace {
             critical,
         })
     }
+
+    /// Own step of the fine model \[s\].
+    pub(super) fn own_step(&self) -> f64 {
+        self.step / self.own as f64
+    }
 }
 
 /// Velocity Verlet of both models with reflections `v ← v − 2 W Gᵀ R G v` between macro steps.
 #[derive(Debug)]
 pub(super) struct Reflections {
-    system: System,
-    tie: Option<Tie>,
+    pub(super) system: System,
+    pub(super) tie: Option<Tie>,
     /// True if multipliers correct velocities only.
-    once: bool,
-    lift: Option<Lift>,
-    pace: Pace,
-    now: Motion,
+    pub(super) once: bool,
+    /// True if an equilibrium minimises an energy: the stiffness is symmetric.
+    pub(super) symmetric: bool,
+    /// `T`, if the system is that of `p` in `T p`.
+    pub(super) lift: Option<CsMat<f64>>,
     /// Half of the last reflection.
-    kick: Vec<f64>,
-    /// True if the stiffness is symmetric, so that an equilibrium minimises an energy.
-    symmetric: bool,
+    pub(super) kick: Vec<f64>,
+    pub(super) state: State,
 }
 
 impl Reflections {
     /// Makes the stepping of a system with a constraint.
     pub(super) fn new(system: System, tie: Option<Tie>, pace: Pace) -> Self {
         Self {
-            now: Motion::default(),
+            state: State::new(system.clone(), pace),
             kick: vec![0.0; system.size()],
             once: false,
             symmetric: true,
             lift: None,
             system,
             tie,
-            pace,
         }
     }
 
-    /// Makes the stepping of the free unknowns of a system, which the others follow.
-    pub(super) fn of_free(lift: Lift) -> Result<Self> {
-        let system = lift.reduced();
+    /// Makes the stepping of `Tᵀ K T` with masses `Tᵀ m`: some unknowns follow others.
+    pub(super) fn following(whole: System, followers: &Followers) -> Result<Self> {
+        let lift = followers.lift();
+        let back = transposed(&lift);
+        let stiffness = &(&back * &whole.stiffness) * &lift;
+        let mass = product(&back, &whole.mass);
+        let top = mass.iter().fold(0.0_f64, |a, b| a.max(*b));
+        // A node that nothing follows has neither mass nor stiffness.
+        let full = mass.iter().map(|m| if *m > 1e-12 * top { *m } else { top });
+        let full: Vec<f64> = full.collect();
+        let system = System::new(whole.places.clone(), mass, &full, stiffness);
         let pace = Pace::common(&system)?;
         Ok(Self {
+            state: State::new(whole, pace),
             lift: Some(lift),
             ..Self::new(system, None, pace)
         })
     }
 
-    /// Lets multipliers correct velocities only.
-    pub(super) fn once(mut self) -> Self {
-        self.once = true;
-        self
-    }
-
-    /// Declares that forces derive from no energy.
-    pub(super) fn without_energy(mut self) -> Self {
-        self.symmetric = false;
-        self
-    }
-
+    /// Reflects velocities at the constraint, and moves the unknowns that follow others.
     fn reflect(&mut self) {
         if let Some(t) = &self.tie {
-            self.kick = t.kick(&self.now.v, &self.system.inverse);
-            subtract(&mut self.now.v, &self.kick);
+            self.kick = t.kick(&self.state.now.v, &self.system.inverse);
+            self.turn();
         }
+        if let Some(lift) = &self.lift {
+            let now = &mut self.state.now;
+            (now.q, now.v) = (product(lift, &now.q), product(lift, &now.v));
+        }
+    }
+
+    /// Subtracts half of the last reflection.
+    fn turn(&mut self) {
+        let pairs = self.state.now.v.iter_mut().zip(&self.kick);
+        pairs.for_each(|(v, k)| *v -= k);
     }
 }
 
 impl Coupling for Reflections {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let n = self.system.size();
-        let free = |x: &[f64]| {
-            let mut x = self.lift.as_ref().map_or_else(|| x.to_vec(), |l| l.free(x));
-            let without_weight = x.iter_mut().zip(&self.system.inverse).filter(|(_, w)| **w == 0.0);
-            without_weight.for_each(|(x, _)| *x = 0.0);
-            x
-        };
-        let (mut q, v, a) = (free(q), free(v), vec![0.0; n]);
+        let inverse = &self.system.inverse;
+        let [mut q, v] = [q, v].map(|x| {
+            let weighted = x.iter().zip(inverse);
+            weighted
+                .map(|(x, w)| if *w > 0.0 { *x } else { 0.0 })
+                .collect::<Vec<_>>()
+        });
         if let Some(t) = &self.tie {
-            t.project(&mut q, &self.system.inverse);
+            t.project(&mut q, inverse);
         }
-        self.now = Motion { q, v, a };
+        self.state.now = Motion::new(q, v);
         self.reflect();
-        self.system.accelerate(&mut self.now, 0..n);
+        self.system.accelerate(&mut self.state.now, 0..self.system.size());
         // The start is consistent: the first half reflection takes the jump of the accelerations.
         if let Some(t) = self.tie.as_ref().filter(|_| !self.once) {
-            let half = -0.5 * self.pace.step;
-            self.kick = t.kick(&self.now.a, &self.system.inverse);
-            self.kick.iter_mut().for_each(|k| *k *= -half);
+            self.kick = t.kick(&self.state.now.a, &self.system.inverse);
+            self.kick
+                .iter_mut()
+                .for_each(|k| *k *= 0.5 * self.state.pace.step);
         }
     }
 
     fn advance(&mut self) {
         if !self.once {
-            subtract(&mut self.now.v, &self.kick);
+            self.turn();
         }
-        let (n, split) = (self.system.size(), self.system.places.split);
-        let Pace { step, own, .. } = self.pace;
-        let sides = if own == 1 {
-            vec![(0..n, 1)]
+        let (all, [coarse, fine]) = (0..self.system.size(), self.system.sides());
+        let Pace { step, own, .. } = self.state.pace;
+        if own == 1 {
+            self.system.step(&mut self.state.now, all, step);
         } else {
-            vec![(0..split, 1), (split..n, own)]
-        };
-        for (range, own) in sides {
+            self.system.step(&mut self.state.now, coarse, step);
             for _ in 0..own {
-                System::drift(&mut self.now, range.clone(), step / own as f64);
-                self.system.kick(&mut self.now, range.clone(), step / own as f64);
+                self.system
+                    .step(&mut self.state.now, fine.clone(), self.state.pace.own_step());
             }
         }
         self.reflect();
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        self.lift.as_ref().map_or(&self.system, |l| &l.whole)
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair().map(|x| match &self.lift {
-            None => x,
-            Some(l) => product(&l.rows, &x),
-        })
+    fn state(&self) -> &State {
+        &self.state
     }
 
     /// `Σ ½ v₊ᵀMv₊ + ½ qᵀ(K − ¼Δt²KM⁻¹K)q` over the models, with the velocities after a reflection.
     fn energy(&self) -> f64 {
         let term = |i: usize| {
-            let own = if i < self.system.places.split {
-                1
+            let is_coarse = i < self.system.places.split;
+            let dt = if is_coarse {
+                self.state.pace.step
             } else {
-                self.pace.own
+                self.state.pace.own_step()
             };
-            let dt = self.pace.step / own as f64;
-            let after = self.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
-            let (q, a) = (self.now.q[i], self.now.a[i]);
+            let after = self.state.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
+            let (q, a) = (self.state.now.q[i], self.state.now.a[i]);
             0.5 * self.system.mass[i] * (after * after - q * a - 0.25 * dt * dt * a * a)
         };
-        let all = 0..self.system.size();
-        all.filter(|i| self.system.inverse[*i] > 0.0).map(term).sum()
+        self.system.weighted().map(term).sum()
     }
 
     fn work(&self) -> f64 {
-        self.system.work(self.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
+        self.system.work(self.state.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
@@ -198,15 +191,11 @@ impl Coupling for Reflections {
             return Ok(None);
         }
         let rows = self.tie.as_ref().map(|t| &t.rows);
-        let Some(lift) = &self.lift else {
-            return self.system.equilibrium(q.to_vec(), held, rows).map(Some);
-        };
-        let held: Vec<bool> = lift.kept.iter().map(|k| held[*k]).collect();
-        let p = self.system.equilibrium(lift.free(q), &held, rows)?;
-        Ok(Some(product(&lift.rows, &p)))
+        let free = self.system.equilibrium(q.to_vec(), held, rows)?;
+        Ok(Some(
+            self.lift
+                .as_ref()
+                .map_or(free.clone(), |lift| product(lift, &free)),
+        ))
     }
-}
-
-fn subtract(x: &mut [f64], change: &[f64]) {
-    x.iter_mut().zip(change).for_each(|(x, c)| *x -= c);
 }

@@ -1,6 +1,7 @@
-//! Products with sparse matrices stored by rows.
+//! Products with sparse matrices stored by rows, and unknowns that follow others.
 
-use arlequin::core::sprs::{CsMat, bmat, hstack};
+use arlequin::core::ShapeRow;
+use arlequin::core::sprs::{CsMat, TriMat};
 use std::ops::Range;
 
 /// Adds `scale (A x)_i` to `out[i]` for the rows of a range.
@@ -21,35 +22,73 @@ pub(super) fn product(a: &CsMat<f64>, x: &[f64]) -> Vec<f64> {
     out
 }
 
+/// Returns `x · y`.
+pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    x.iter().zip(y).map(|(a, b)| a * b).sum()
+}
+
 /// Returns the transpose, by rows.
 pub(super) fn transposed(a: &CsMat<f64>) -> CsMat<f64> {
     a.transpose_view().to_csr()
 }
 
-/// Returns `A` with row `i` times `factors[i]`.
-pub(super) fn scaled_rows(a: &CsMat<f64>, factors: &[f64]) -> CsMat<f64> {
-    let mut out = a.clone();
-    for (i, factor) in factors.iter().enumerate() {
-        let mut row = out.outer_view_mut(i);
-        row.iter_mut()
-            .flat_map(|r| r.iter_mut())
-            .for_each(|(_, v)| *v *= factor);
-    }
-    out
+/// Returns a diagonal matrix.
+pub(super) fn diagonal(values: impl ExactSizeIterator<Item = f64>) -> CsMat<f64> {
+    let mut out = TriMat::new((values.len(), values.len()));
+    let entries = values.enumerate().filter(|(_, v)| *v != 0.0);
+    entries.for_each(|(i, v)| out.add_triplet(i, i, v));
+    out.to_csr()
 }
 
 /// Returns `Aᵀ diag(d) A`.
 pub(super) fn congruence(a: &CsMat<f64>, d: &[f64]) -> CsMat<f64> {
-    &transposed(a) * &scaled_rows(a, d)
+    &transposed(a) * &(&diagonal(d.iter().copied()) * a)
 }
 
-/// Stacks two square matrices along the diagonal.
-pub(super) fn block_diagonal(a: &CsMat<f64>, b: &CsMat<f64>) -> CsMat<f64> {
-    bmat(&[[Some(a.view()), None], [None, Some(b.view())]])
+/// Unknowns that follow others: `q_i = Σ N_ij q_j`.
+#[derive(Debug)]
+pub(super) struct Followers {
+    /// `N` over all unknowns; rows of those that follow none are empty.
+    pub(super) rows: CsMat<f64>,
+    /// One for unknowns that follow, zero for others.
+    follow: Vec<f64>,
 }
 
-/// Puts two matrices with equally many rows side by side, the second one negated, in `size` columns in all.
-pub(super) fn difference(a: &CsMat<f64>, b: &CsMat<f64>, size: usize) -> CsMat<f64> {
-    let zeros = CsMat::zero((a.rows(), size - a.cols() - b.cols()));
-    hstack(&[a.view(), b.map(|x| -x).view(), zeros.view()]).to_csr()
+impl Followers {
+    /// Makes the `d` displacements of nodes, each given by its first unknown, follow a field whose unknowns
+    /// begin at a number, by shape functions.
+    pub(super) fn new(size: usize, d: usize, nodes: &[(usize, usize, ShapeRow<f64>)]) -> Self {
+        let (mut rows, mut follow) = (TriMat::new((size, size)), vec![0.0; size]);
+        for (first, field, row) in nodes {
+            for c in 0..d {
+                follow[first + c] = 1.0;
+                let shapes = row.nodes.iter().zip(&row.values);
+                shapes.for_each(|(node, value)| rows.add_triplet(first + c, field + node * d + c, *value));
+            }
+        }
+        Self {
+            rows: rows.to_csr(),
+            follow,
+        }
+    }
+
+    /// Returns whether an unknown follows others.
+    pub(super) fn has(&self, i: usize) -> bool {
+        self.follow[i] > 0.0
+    }
+
+    /// Number of unknowns that follow.
+    pub(super) fn count(&self) -> usize {
+        self.follow.iter().filter(|f| **f > 0.0).count()
+    }
+
+    /// Rows `Σ N_ij q_j − q_i` of the unknowns that follow; empty rows of others.
+    pub(super) fn constraint(&self) -> CsMat<f64> {
+        &self.rows + &diagonal(self.follow.iter().map(|f| -f))
+    }
+
+    /// Returns `T` of `q = T p`, whose columns of unknowns that follow are empty.
+    pub(super) fn lift(&self) -> CsMat<f64> {
+        &self.rows + &diagonal(self.follow.iter().map(|f| 1.0 - f))
+    }
 }

@@ -1,8 +1,8 @@
 //! Linear unknowns of one or two weighted models along an axis, and their equilibrium.
 
-use super::sparse::{add_product, product, transposed};
+use super::sparse::{add_product, dot, product};
 use super::tie::Tie;
-use crate::error::{Result, key};
+use crate::error::{Result, core, key};
 use arlequin::core::spectrum::critical_step;
 use arlequin::core::sprs::CsMat;
 use std::ops::Range;
@@ -24,16 +24,13 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Places of some unknowns, in increasing order.
-    pub(super) fn selected(&self, unknowns: &[usize]) -> Self {
-        let pick = |x: &[f64]| unknowns.iter().map(|k| x[*k]).collect::<Vec<f64>>();
-        Self {
-            x: pick(&self.x),
-            axial: pick(&self.axial),
-            across: pick(&self.across),
-            moves: unknowns.iter().map(|k| self.moves[*k]).collect(),
-            split: unknowns.iter().filter(|k| **k < self.split).count(),
-        }
+    /// Appends the unknowns of another model.
+    pub(super) fn append(&mut self, other: &Self) {
+        self.split = self.x.len();
+        self.x.extend(&other.x);
+        self.axial.extend(&other.axial);
+        self.across.extend(&other.across);
+        self.moves.extend(&other.moves);
     }
 }
 
@@ -46,9 +43,29 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Copies displacements and velocities.
-    pub(super) fn pair(&self) -> [Vec<f64>; 2] {
-        [self.q.clone(), self.v.clone()]
+    /// Motion without accelerations.
+    pub(super) fn new(q: Vec<f64>, v: Vec<f64>) -> Self {
+        let a = vec![0.0; q.len()];
+        Self { q, v, a }
+    }
+
+    /// First part of a step of velocity Verlet: `v ← v + ½Δt a`, `q ← q + Δt v`.
+    pub(super) fn drift(&mut self, range: Range<usize>, dt: f64) {
+        self.kick(range.clone(), dt);
+        range.for_each(|i| self.q[i] += dt * self.v[i]);
+    }
+
+    /// Second part, with the new accelerations: `v ← v + ½Δt a`.
+    pub(super) fn kick(&mut self, range: Range<usize>, dt: f64) {
+        range.for_each(|i| self.v[i] += 0.5 * dt * self.a[i]);
+    }
+
+    /// Subtracts a share of an acceleration, and its half step from the velocities.
+    pub(super) fn brake(&mut self, range: Range<usize>, push: &[f64], share: f64, dt: f64) {
+        for i in range {
+            self.a[i] -= share * push[i];
+            self.v[i] -= 0.5 * dt * share * push[i];
+        }
     }
 }
 
@@ -89,16 +106,35 @@ impl System {
         self.mass.len()
     }
 
+    /// Unknowns of the coarse and of the fine model.
+    pub(super) fn sides(&self) -> [Range<usize>; 2] {
+        [0..self.places.split, self.places.split..self.size()]
+    }
+
+    /// Unknowns with weight.
+    pub(super) fn weighted(&self) -> impl Iterator<Item = usize> {
+        (0..self.size()).filter(|i| self.inverse[*i] > 0.0)
+    }
+
+    /// Unknowns with mass that move along the axis.
+    pub(super) fn axial(&self) -> impl Iterator<Item = usize> {
+        (0..self.size()).filter(|i| self.places.axial[*i] != 0.0 && self.mass[*i] > 0.0)
+    }
+
+    /// Diagonal entry of the stiffness.
+    pub(super) fn own_stiffness(&self, i: usize) -> f64 {
+        self.stiffness.get(i, i).copied().unwrap_or(0.0)
+    }
+
     /// Critical step of a range of unknowns \[s\].
     pub(super) fn critical(&self, range: Range<usize>) -> Result<f64> {
-        let inverse: Vec<f64> = (0..self.size())
-            .map(|i| if range.contains(&i) { self.inverse[i] } else { 0.0 })
-            .collect();
+        let mut inverse = vec![0.0; self.size()];
+        inverse[range.clone()].copy_from_slice(&self.inverse[range]);
         let mut forces = |q: &[f64], f: &mut [f64]| {
             add_product(&self.stiffness, q, -1.0, 0..q.len(), f);
             Ok(())
         };
-        critical_step(&inverse, &mut forces).map_err(crate::error::core("compare"))
+        critical_step(&inverse, &mut forces).map_err(core("compare"))
     }
 
     /// Computes the accelerations `−W K q` of a range of unknowns.
@@ -108,18 +144,11 @@ impl System {
         range.for_each(|i| m.a[i] *= self.inverse[i]);
     }
 
-    /// First part of a step of velocity Verlet: `v ← v + ½Δt a`, `q ← q + Δt v`.
-    pub(super) fn drift(m: &mut Motion, range: Range<usize>, dt: f64) {
-        for i in range {
-            m.v[i] += 0.5 * dt * m.a[i];
-            m.q[i] += dt * m.v[i];
-        }
-    }
-
-    /// Second part: the accelerations, and `v ← v + ½Δt a`.
-    pub(super) fn kick(&self, m: &mut Motion, range: Range<usize>, dt: f64) {
+    /// Makes a step of velocity Verlet for a range of unknowns.
+    pub(super) fn step(&self, m: &mut Motion, range: Range<usize>, dt: f64) {
+        m.drift(range.clone(), dt);
         self.accelerate(m, range.clone());
-        range.for_each(|i| m.v[i] += 0.5 * dt * m.a[i]);
+        m.kick(range, dt);
     }
 
     /// Multiplications of one step of the coarse model and of `own` steps of the fine one.
@@ -130,26 +159,29 @@ impl System {
     }
 
     /// Returns `[½ mv² + ½ q (K q)]` of each unknown \[J\].
-    pub(super) fn energies(&self, q: &[f64], v: &[f64]) -> Vec<f64> {
+    pub(super) fn energies(&self, Motion { q, v, .. }: &Motion) -> Vec<f64> {
         let force = product(&self.stiffness, q);
-        let all = (0..self.size()).filter(|i| self.inverse[*i] > 0.0);
         let mut out = vec![0.0; self.size()];
-        all.for_each(|i| out[i] = 0.5 * (self.mass[i] * v[i] * v[i] + q[i] * force[i]));
+        self.weighted()
+            .for_each(|i| out[i] = 0.5 * (self.mass[i] * v[i] * v[i] + q[i] * force[i]));
         out
-    }
-
-    /// Returns whether a displacement without mass has stiffness: forces on it would be lost.
-    pub(super) fn is_anchored(&self) -> bool {
-        let own = |i: usize| self.stiffness.get(i, i).copied().unwrap_or(0.0);
-        let top = (0..self.size()).map(own).fold(0.0, f64::max);
-        (0..self.size()).any(|i| self.places.moves[i] && self.inverse[i] == 0.0 && own(i) > 1e-9 * top)
     }
 
     /// Momentum along the axis \[kg m/s\], and the sum of its moduli.
     pub(super) fn momentum(&self, v: &[f64]) -> [f64; 2] {
-        let parts = (0..self.size()).filter(|i| self.inverse[*i] > 0.0);
-        let parts = parts.map(|i| self.mass[i] * v[i] * self.places.axial[i]);
+        let parts = self
+            .weighted()
+            .map(|i| self.mass[i] * v[i] * self.places.axial[i]);
         parts.fold([0.0; 2], |[p, s], x| [p + x, s + x.abs()])
+    }
+
+    /// Returns whether a displacement without mass has stiffness: forces on it would be lost.
+    pub(super) fn is_anchored(&self) -> bool {
+        let top = (0..self.size())
+            .map(|i| self.own_stiffness(i))
+            .fold(0.0, f64::max);
+        let stiff = |i: usize| self.own_stiffness(i) > 1e-9 * top;
+        (0..self.size()).any(|i| self.places.moves[i] && self.inverse[i] == 0.0 && stiff(i))
     }
 
     /// Finds the equilibrium `K q + Gᵀ λ = 0`, `G q = 0` with the held unknowns of `q`, by conjugate
@@ -160,51 +192,34 @@ impl System {
         held: &[bool],
         rows: Option<&CsMat<f64>>,
     ) -> Result<Vec<f64>> {
-        let mut diagonal = vec![0.0; self.size()];
-        self.stiffness
-            .iter()
-            .filter(|(_, (i, j))| i == j)
-            .for_each(|(v, (i, _))| diagonal[i] += *v);
-        let free = |i: usize| !held[i] && self.inverse[i] > 0.0 && diagonal[i] > 0.0;
-        let scale: Vec<f64> = (0..self.size())
-            .map(|i| if free(i) { 1.0 / diagonal[i] } else { 0.0 })
-            .collect();
-        let tie = rows.map(|g| Tie::exact(g.clone(), &scale)).transpose()?;
-        if let Some(t) = &tie {
-            t.project(&mut q, &scale);
-        }
-        let mut r = vec![0.0; self.size()];
-        let residual = |q: &[f64], r: &mut Vec<f64>| {
-            r.fill(0.0);
-            add_product(&self.stiffness, q, -1.0, 0..q.len(), r);
+        let scale = |i: usize| {
+            let own = self.own_stiffness(i);
+            let is_free = !held[i] && self.inverse[i] > 0.0 && own > 0.0;
+            if is_free { 1.0 / own } else { 0.0 }
         };
-        residual(&q, &mut r);
+        let scale: Vec<f64> = (0..self.size()).map(scale).collect();
+        let tie = rows.map(|g| Tie::exact(g.clone(), &scale)).transpose()?;
+        let project = |x: &mut Vec<f64>| tie.iter().for_each(|t| t.project(x, &scale));
+        project(&mut q);
+        let mut r = vec![0.0; self.size()];
+        add_product(&self.stiffness, &q, -1.0, 0..q.len(), &mut r);
         let start = -0.5 * dot(&q, &r);
-        let mut p: Vec<f64> = Vec::new();
-        let mut before = 0.0;
+        let mut p = vec![0.0; self.size()];
+        let mut before = f64::INFINITY;
         for _ in 0..MOST_ITERATIONS {
             // Multipliers balance most of the residual. Left in, they would drown the rest, and round-off
             // would lead the iteration out of the constraint.
-            if let Some(t) = &tie {
-                t.balance(&mut r, &scale);
-            }
+            tie.iter().for_each(|t| t.balance(&mut r, &scale));
             let mut z: Vec<f64> = r.iter().zip(&scale).map(|(r, s)| r * s).collect();
-            if let Some(t) = &tie {
-                t.project(&mut z, &scale);
-            }
+            project(&mut z);
             let now = dot(&r, &z);
             if now <= SETTLED * start {
                 return Ok(q);
             }
             let beta = now / before;
-            if p.is_empty() {
-                p = z;
-            } else {
-                p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + beta * *p);
-            }
+            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + beta * *p);
             before = now;
-            let mut kp = vec![0.0; self.size()];
-            add_product(&self.stiffness, &p, 1.0, 0..p.len(), &mut kp);
+            let kp = product(&self.stiffness, &p);
             let curvature = dot(&p, &kp);
             // No stiffness in this direction: what is left is a motion that costs nothing.
             if curvature <= 0.0 {
@@ -214,47 +229,7 @@ impl System {
             q.iter_mut().zip(&p).for_each(|(q, p)| *q += alpha * p);
             r.iter_mut().zip(&kp).for_each(|(r, k)| *r -= alpha * k);
         }
-        Err(key(
-            "compare",
-            format!("no equilibrium after {MOST_ITERATIONS} iterations; take a smaller scene"),
-        ))
+        let rule = format!("no equilibrium after {MOST_ITERATIONS} iterations; take a smaller scene");
+        Err(key("compare", rule))
     }
-}
-
-/// Unknowns of which others follow: `q = T p`.
-#[derive(Debug, Clone)]
-pub(super) struct Lift {
-    /// `T`.
-    pub(super) rows: CsMat<f64>,
-    /// Unknown of the whole that each free unknown is.
-    pub(super) kept: Vec<usize>,
-    /// System of the whole.
-    pub(super) whole: System,
-}
-
-impl Lift {
-    /// Returns `Tᵀ K T` with masses `Tᵀ m`.
-    pub(super) fn reduced(&self) -> System {
-        let back = transposed(&self.rows);
-        let stiffness = &(&back * &self.whole.stiffness) * &self.rows;
-        let mass = product(&back, &self.whole.mass);
-        let places = self.whole.places.selected(&self.kept);
-        let top = mass.iter().fold(0.0_f64, |a, b| a.max(*b));
-        // A node that nothing follows has neither mass nor stiffness.
-        let full: Vec<f64> = mass
-            .iter()
-            .map(|m| if *m > 1e-12 * top { *m } else { top })
-            .collect();
-        System::new(Arc::new(places), mass, &full, stiffness)
-    }
-
-    /// Returns the free unknowns of the whole.
-    pub(super) fn free(&self, x: &[f64]) -> Vec<f64> {
-        self.kept.iter().map(|k| x[*k]).collect()
-    }
-}
-
-/// Returns `x · y`.
-pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    x.iter().zip(y).map(|(a, b)| a * b).sum()
 }

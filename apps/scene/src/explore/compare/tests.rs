@@ -19,7 +19,7 @@ fn the_default_makes_the_steps_of_a_run() {
         let scene = scene.set("interface.joint.lumped", lumped).unwrap();
         let mut case = Case::new(scene.spec(), scene.folder(), &mut |_, _, _| ()).unwrap();
         let mut own = couple(&mut case, word, 1.0).unwrap();
-        let pace = own.pace();
+        let pace = own.state().pace;
         assert_eq!(pace.own, 4);
         // The critical steps agree to the tolerance of their iterations; bits of the step are those of
         // the board.
@@ -38,7 +38,8 @@ fn the_default_makes_the_steps_of_a_run() {
             run.advance(&mut arlequin::core::Silent).unwrap();
             own.advance();
         }
-        for (mine, wanted) in own.motion().iter().zip(&state(&run)) {
+        let now = &own.state().now;
+        for (mine, wanted) in [&now.q, &now.v].into_iter().zip(&state(&run)) {
             let top = wanted.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             let off = mine
                 .iter()
@@ -67,7 +68,7 @@ fn example(name: &str) -> String {
 #[test]
 fn own_steps_are_those_of_half_the_coarse_step() {
     let mut case = case(&example("cantilever"), &[]);
-    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().pace();
+    let pace = couple(&mut case, Method::Arlequin, 1.0).unwrap().state().pace;
     assert_eq!(pace.own, 1);
 }
 
@@ -86,7 +87,7 @@ fn nodal_weights_change_the_energy_of_a_pulse() {
         for (word, wanted) in [(Method::Nodal, wanted), (Method::Arlequin, 0.0)] {
             let mut coupling = couple(&mut case, word, 1.0).unwrap();
             let waves = Waves::new(&case, &*coupling).unwrap();
-            let (wave, time) = waves.pulse(true);
+            let (wave, time) = waves.down;
             let [before, _, after] = run(&mut *coupling, &wave, time);
             let change = after / before - 1.0;
             assert!(
@@ -108,9 +109,9 @@ fn multipliers_at_own_steps_lose_or_gain_what_is_known() {
     for (text, word, [low, high]) in [(short, Method::Gc, [-0.9, -0.73]), (long, Method::Ph, [1.8, 4.3])] {
         let mut case = case(&text, &[]);
         let mut coupling = couple(&mut case, word, 1.0).unwrap();
-        assert_eq!(coupling.pace().own, 5);
+        assert_eq!(coupling.state().pace.own, 5);
         let waves = Waves::new(&case, &*coupling).unwrap();
-        let drift = noise(&mut *coupling, &waves).drift;
+        let [drift, ..] = noise(&mut *coupling, &waves);
         assert!((low..=high).contains(&drift), "{word:?}: {drift}");
     }
 }
@@ -131,17 +132,21 @@ fn alternation_changes_the_energy_of_a_cantilever() {
                 .replace("fine = [0.5588, ", &format!("fine = [{high}, "))
                 .replacen("spacing = 12.7e-3", &format!("spacing = {}", 6.35e-3 / ratio), 1);
             let mut case = case(&text, &[]);
-            let x: Vec<f64> = case.places.x.iter().map(|x| low + x).collect();
-            // Without a mass that counts, the clamped nodes do not move.
-            let clamped = (0..x.len()).filter(|i| x[*i].abs() < 1e-9);
-            clamped.for_each(|i| case.full[i] = f64::INFINITY);
+            let mut x = Vec::new();
+            for part in &mut case.parts[..2] {
+                let places = part.places.x.iter().map(|x| low + x).collect::<Vec<_>>();
+                // Without a mass that counts, the clamped nodes do not move.
+                let clamped = (0..places.len()).filter(|i| places[*i].abs() < 1e-9);
+                clamped.for_each(|i| part.full[i] = f64::INFINITY);
+                x.extend(places);
+            }
             let bent = |(i, x): (usize, &f64)| if i % 3 == 1 { 0.393_701 * x * x } else { 0.0 };
             let q: Vec<f64> = x.iter().enumerate().map(bent).collect();
             let mut drift = |word| {
                 let mut coupling = couple(&mut case, word, 1.0).unwrap();
                 coupling.reset(&q, &vec![0.0; q.len()]);
                 let start = coupling.energy();
-                (0..(1e-3 / coupling.pace().step) as usize).for_each(|_| coupling.advance());
+                (0..(1e-3 / coupling.state().pace.step) as usize).for_each(|_| coupling.advance());
                 (start, coupling.energy() / start - 1.0)
             };
             let (start, schwarz) = drift(Method::Schwarz);
@@ -199,16 +204,59 @@ fn the_kernel_is_the_answer_of_a_long_chain() {
 fn the_bridging_scale_keeps_uniform_states() {
     let mut case = case(&example("bar-1d"), &[]);
     let mut coupling = couple(&mut case, Method::BridgingScale, 1.0).unwrap();
-    let x = coupling.whole().places.x.clone();
+    let x = coupling.state().whole.places.x.clone();
     coupling.reset(&x, &vec![0.0; x.len()]);
     // Until the waves from the free ends arrive, by one element a step at most.
     for _ in 0..35 {
         coupling.advance();
     }
-    let [q, _] = coupling.motion();
+    let q = &coupling.state().now.q;
     let off = (0..x.len())
         .filter(|i| x[*i].abs() < 0.1)
         .map(|i| (q[i] - x[i]).abs());
     let off = off.fold(0.0, f64::max);
     assert!(off < 1e-12, "{off:e}");
+}
+
+/// A standing wave between free ends works at the end of the zone: it gains where the zone takes more than half
+/// of the line and loses where it takes half. A longer memory changes nothing of it.
+#[test]
+fn a_standing_wave_gains_or_loses_at_the_end_of_the_zone() {
+    let text = example("bar-1d").replace("from = 0.28, to = 0.58", "from = 0.09, to = 0.2");
+    let line = |end: f64| {
+        let text = text.replace("to = 0.3,", &format!("to = {end},"));
+        let text = text.replace("fine = [0.28", "fine = [0.09");
+        text.replace("coarse = [0.3,", &format!("coarse = [{end},"))
+    };
+    for (end, [low, high]) in [(0.12, [3.0, 40.0]), (0.11, [1e-4, 0.2])] {
+        let mut case = case(&line(end), &[]);
+        let mut coupling = couple(&mut case, Method::BridgingScale, 1.0).unwrap();
+        // Four waves of ten coarse spacings in a line of 0.2 m, which begins at the free end of the chain.
+        let x = coupling.state().whole.places.x.iter();
+        let v: Vec<f64> = x
+            .map(|x| (std::f64::consts::TAU * (end - x) / 0.05).cos())
+            .collect();
+        coupling.reset(&vec![0.0; v.len()], &v);
+        let start = coupling.energy();
+        (0..10_000).for_each(|_| coupling.advance());
+        let gain = coupling.energy() / start;
+        assert!((low..=high).contains(&gain), "zone to {end}: {gain}");
+    }
+}
+
+/// Weights at nodes do not depend on the place of the scene: round-off of the nodes on a border does not
+/// decide whether they have the weight of the floor or none.
+#[test]
+fn nodes_on_a_border_have_the_weight_of_the_floor() {
+    let text = example("bar-1d");
+    // The borders as they are, and as they come out of a sum.
+    for off in [0.0, 3e-16, -3e-16, 1e-13, -1e-13] {
+        let text = text.replace("fine = [0.28,", &format!("fine = [{:e},", 0.28 + off));
+        let text = text.replace("coarse = [0.3,", &format!("coarse = [{:e},", 0.3 - off));
+        let case = case(&text, &[]);
+        let [coarse, fine] = &case.nodal;
+        let values = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
+        let least = values.iter().copied().filter(|w| *w < 0.9).fold(1.0, f64::min);
+        assert!((least - 0.05).abs() < 1e-12, "{off:e}: {least}");
+    }
 }

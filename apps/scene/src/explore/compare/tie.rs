@@ -16,24 +16,25 @@ pub(super) struct Tie {
     /// `G`: one row per multiplier.
     pub(super) rows: CsMat<f64>,
     /// `Gᵀ`.
-    pub(super) back: CsMat<f64>,
-    response: Response,
-}
-
-/// The matrix `R`.
-#[derive(Debug, Clone)]
-enum Response {
-    /// Dense blocks of multipliers that act on each other.
-    Blocks(Vec<(Vec<usize>, DMatrix<f64>)>),
-    /// One number per multiplier.
-    Diagonal(Vec<f64>),
+    back: CsMat<f64>,
+    /// `R`, in dense blocks of multipliers that act on each other.
+    blocks: Vec<(Vec<usize>, DMatrix<f64>)>,
 }
 
 impl Tie {
     /// Multipliers that meet the constraint: `R = S⁺` with `S = G W Gᵀ`.
     pub(super) fn exact(rows: CsMat<f64>, inverse: &[f64]) -> Result<Self> {
+        Self::by(rows, inverse, &pseudo_inverse)
+    }
+
+    /// Multipliers by a function of the blocks of `S`.
+    pub(super) fn by(
+        rows: CsMat<f64>,
+        inverse: &[f64],
+        function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>,
+    ) -> Result<Self> {
         let operator = congruence(&transposed(&rows), inverse);
-        Self::responding(rows, &operator, &pseudo_inverse)
+        Self::responding(rows, &operator, function)
     }
 
     /// Multipliers by a function of the blocks of a symmetric operator in place of `S`.
@@ -59,51 +60,32 @@ impl Tie {
         });
         Ok(Self {
             back: transposed(&rows),
-            response: Response::Blocks(blocks.collect::<Result<_>>()?),
+            blocks: blocks.collect::<Result<_>>()?,
             rows,
         })
     }
 
-    /// Multipliers by the row sums of `S`.
-    pub(super) fn lumped(rows: CsMat<f64>, inverse: &[f64]) -> Self {
-        let operator = congruence(&transposed(&rows), inverse);
-        let sums = product(&operator, &vec![1.0; rows.rows()]);
-        let response = sums.into_iter().map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
-        Self {
-            back: transposed(&rows),
-            response: Response::Diagonal(response.collect()),
-            rows,
+    /// Returns the multipliers `R G v`.
+    pub(super) fn answer(&self, v: &[f64]) -> Vec<f64> {
+        let jump = product(&self.rows, v);
+        let mut out = vec![0.0; jump.len()];
+        for (members, r) in &self.blocks {
+            let answer = r * DVector::from_iterator(members.len(), members.iter().map(|i| jump[*i]));
+            members.iter().zip(answer.iter()).for_each(|(i, x)| out[*i] = *x);
         }
-    }
-
-    /// Returns `R b`.
-    pub(super) fn solve(&self, b: &[f64]) -> Vec<f64> {
-        match &self.response {
-            Response::Diagonal(d) => b.iter().zip(d).map(|(b, d)| b * d).collect(),
-            Response::Blocks(blocks) => {
-                let mut out = vec![0.0; b.len()];
-                for (members, r) in blocks {
-                    let part = DVector::from_iterator(members.len(), members.iter().map(|i| b[*i]));
-                    let answer = r * part;
-                    members.iter().zip(answer.iter()).for_each(|(i, x)| out[*i] = *x);
-                }
-                out
-            }
-        }
-    }
-
-    /// Computes `W Gᵀ R G v`.
-    pub(super) fn kick(&self, v: &[f64], inverse: &[f64]) -> Vec<f64> {
-        let mu = self.solve(&product(&self.rows, v));
-        self.push(&mu, inverse)
+        out
     }
 
     /// Computes `W Gᵀ μ`.
     pub(super) fn push(&self, mu: &[f64], inverse: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; inverse.len()];
-        add_product(&self.back, mu, 1.0, 0..inverse.len(), &mut out);
+        let mut out = product(&self.back, mu);
         out.iter_mut().zip(inverse).for_each(|(x, w)| *x *= w);
         out
+    }
+
+    /// Computes `W Gᵀ R G v`.
+    pub(super) fn kick(&self, v: &[f64], inverse: &[f64]) -> Vec<f64> {
+        self.push(&self.answer(v), inverse)
     }
 
     /// Subtracts `W Gᵀ R G v` from `v`.
@@ -115,37 +97,39 @@ impl Tie {
     /// Subtracts from forces `r` those of the multipliers that balance them: `r ← r − Gᵀ R G W r`.
     pub(super) fn balance(&self, r: &mut [f64], inverse: &[f64]) {
         let moved: Vec<f64> = r.iter().zip(inverse).map(|(r, w)| r * w).collect();
-        let mu = self.solve(&product(&self.rows, &moved));
-        add_product(&self.back, &mu, -1.0, 0..r.len(), r);
+        add_product(&self.back, &self.answer(&moved), -1.0, 0..r.len(), r);
     }
 
     /// Multiplications of one answer.
     pub(super) fn work(&self) -> f64 {
-        let inner = match &self.response {
-            Response::Diagonal(d) => d.len(),
-            Response::Blocks(blocks) => blocks.iter().map(|b| b.0.len() * b.0.len()).sum(),
-        };
-        (2 * self.rows.nnz() + inner) as f64
+        let entries = self.blocks.iter().flat_map(|(_, r)| r.iter());
+        (2 * self.rows.nnz() + entries.filter(|x| **x != 0.0).count()) as f64
     }
 }
 
-/// Groups of rows that share no entry with each other.
+/// Groups of rows that share no entry with each other; rows of zeros are in none.
 fn blocks(a: &CsMat<f64>) -> Vec<Vec<usize>> {
-    let n = a.rows();
-    let mut group = vec![usize::MAX; n];
+    // Products of unlike components leave zeros.
+    let entries = |i: usize| {
+        let row = a.outer_view(i).into_iter();
+        row.flat_map(|r| {
+            r.iter()
+                .filter(|(_, v)| **v != 0.0)
+                .map(|(j, _)| j)
+                .collect::<Vec<_>>()
+        })
+    };
+    let mut seen = vec![false; a.rows()];
     let mut out = Vec::new();
-    for first in 0..n {
-        if group[first] != usize::MAX {
+    for first in 0..a.rows() {
+        if seen[first] || entries(first).next().is_none() {
             continue;
         }
         let (mut members, mut next) = (vec![first], 0);
-        group[first] = out.len();
+        seen[first] = true;
         while next < members.len() {
-            let row = a.outer_view(members[next]);
-            for (j, v) in row.iter().flat_map(|r| r.iter()) {
-                // Products of unlike components leave zeros.
-                if *v != 0.0 && group[j] == usize::MAX {
-                    group[j] = out.len();
+            for j in entries(members[next]) {
+                if !std::mem::replace(&mut seen[j], true) {
                     members.push(j);
                 }
             }
@@ -172,11 +156,7 @@ pub(super) fn pseudo_inverse(a: DMatrix<f64>) -> DMatrix<f64> {
 pub(super) fn of_eigenvalues(a: DMatrix<f64>, f: &dyn Fn(f64, f64) -> f64) -> DMatrix<f64> {
     let eigen = a.symmetric_eigen();
     let top = eigen.eigenvalues.max();
-    let values = eigen
-        .eigenvalues
-        .map(|s| if s > DEPENDENT * top { f(s, top) } else { 0.0 });
-    let scaled = DMatrix::from_fn(values.len(), values.len(), |i, j| {
-        eigen.eigenvectors[(i, j)] * values[j]
-    });
-    scaled * eigen.eigenvectors.transpose()
+    let function = |s: f64| if s > DEPENDENT * top { f(s, top) } else { 0.0 };
+    let values = DMatrix::from_diagonal(&eigen.eigenvalues.map(function));
+    &eigen.eigenvectors * values * eigen.eigenvectors.transpose()
 }

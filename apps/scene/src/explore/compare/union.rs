@@ -20,58 +20,46 @@ pub(super) fn united(scene: &LoweredScene, [gone, kept]: [&String; 2], axis: Vec
     })
 }
 
-/// Shape that covers two shapes of one section in line along a coordinate.
+/// Shape that covers two shapes of one kind and section in line along a coordinate.
 fn union(a: &Shape, b: &Shape, along: usize) -> Option<Shape> {
-    let close = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-9 * size;
-    match (a, b) {
-        (
-            Shape::Bar { from, to, section },
-            Shape::Bar {
-                from: f,
-                to: t,
-                section: s,
-            },
-        ) if along == 0 && close(*section, *s, *s) => Some(Shape::Bar {
-            from: from.min(*f),
-            to: to.max(*t),
-            section: *section,
-        }),
-        (
-            Shape::Cylinder { from, length, radius },
-            Shape::Cylinder {
-                from: f,
-                length: l,
-                radius: r,
-            },
-        ) if along == 0 && close(*radius, *r, *r) && [1, 2].iter().all(|c| close(from[*c], f[*c], *r)) => {
-            let start = from[0].min(f[0]);
-            Some(Shape::Cylinder {
-                from: [start, from[1], from[2]],
-                length: (from[0] + length).max(f[0] + l) - start,
-                radius: *radius,
-            })
+    let (([from, to], section, size), ([f, t], other, _)) = (extent(a, along)?, extent(b, along)?);
+    let (from, to) = (from.min(f), to.max(t));
+    let alike = a.name() == b.name()
+        && section
+            .iter()
+            .zip(&other)
+            .all(|(x, y)| (x - y).abs() <= 1e-9 * size);
+    let mut out = a.clone();
+    match &mut out {
+        Shape::Bar { from: f, to: t, .. } => (*f, *t) = (from, to),
+        Shape::Cylinder { from: f, length, .. } => (f[0], *length) = (from, to - from),
+        Shape::Box { low, high, .. } => (low[along], high[along]) = (from, to),
+        _ => return None,
+    }
+    alike.then_some(out)
+}
+
+/// Ends of a shape along a coordinate, what describes its section, and the size of the section.
+fn extent(shape: &Shape, along: usize) -> Option<([f64; 2], Vec<f64>, f64)> {
+    match shape {
+        Shape::Bar { from, to, section } if along == 0 => Some(([*from, *to], vec![*section], *section)),
+        Shape::Cylinder { from, length, radius } if along == 0 => {
+            let section = vec![from[1], from[2], *radius];
+            Some(([from[0], from[0] + length], section, *radius))
         }
-        (
-            Shape::Box {
-                low,
-                high,
-                hole: None,
-            },
-            Shape::Box {
-                low: l,
-                high: h,
-                hole: None,
-            },
-        ) if (0..3).filter(|c| *c != along).all(|c| {
-            let size = h[c] - l[c];
-            close(low[c], l[c], size) && close(high[c], h[c], size)
-        }) =>
-        {
-            Some(Shape::Box {
-                low: [0, 1, 2].map(|c| low[c].min(l[c])),
-                high: [0, 1, 2].map(|c| high[c].max(h[c])),
-                hole: None,
-            })
+        Shape::Box {
+            low,
+            high,
+            hole: None,
+        } => {
+            let across: Vec<usize> = (0..3).filter(|c| *c != along).collect();
+            let section = across.iter().flat_map(|c| [low[*c], high[*c]]).collect();
+            let sizes = across.iter().map(|c| high[*c] - low[*c]);
+            Some((
+                [low[along], high[along]],
+                section,
+                sizes.fold(f64::INFINITY, f64::min),
+            ))
         }
         _ => None,
     }

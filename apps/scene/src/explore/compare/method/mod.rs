@@ -1,25 +1,41 @@
-//! Methods that couple the two models of a case, one file each.
+//! Methods that couple the two models of a case, by their form.
 
-mod arlequin;
-mod augmented;
 mod blend;
 mod bridging;
-mod edge;
+mod multipliers;
 mod multistep;
-mod penalty;
+mod particles;
 mod quasicontinuum;
 mod schwarz;
 
 use super::case::Case;
-use super::reflections::Pace;
-use super::system::System;
+use super::reflections::{Pace, Reflections};
+use super::system::{Motion, System};
 use crate::error::Result;
 use crate::spec::Method;
 #[cfg(test)]
 pub(super) use bridging::kernel;
 use multistep::{Multistep, Scheme};
 
-/// Two models coupled by a method, as a comparison sees them. Unknowns are those of [`Coupling::whole`].
+/// System, pace and motion of a coupling.
+#[derive(Debug)]
+pub(super) struct State {
+    /// Weighted system of all unknowns, those that follow others included.
+    pub(super) whole: System,
+    /// Steps of the run and of the models.
+    pub(super) pace: Pace,
+    pub(super) now: Motion,
+}
+
+impl State {
+    pub(super) fn new(whole: System, pace: Pace) -> Self {
+        let now = Motion::default();
+        Self { whole, pace, now }
+    }
+}
+
+/// Two models coupled by a method, as a comparison sees them. Unknowns are those of
+/// [`State::whole`].
 pub(super) trait Coupling {
     /// Starts from displacements and velocities, made consistent as the method does it.
     fn reset(&mut self, q: &[f64], v: &[f64]);
@@ -27,19 +43,18 @@ pub(super) trait Coupling {
     /// Makes one step of the run.
     fn advance(&mut self);
 
-    /// Steps of the run and of the models.
-    fn pace(&self) -> Pace;
+    /// System, pace and motion.
+    fn state(&self) -> &State;
 
-    /// Weighted system of all unknowns, those that follow others included.
-    fn whole(&self) -> &System;
-
-    /// Displacements and velocities of all unknowns.
-    fn motion(&self) -> [Vec<f64>; 2];
+    /// Energy of both models \[J\] from displacements and velocities at the same instant.
+    fn whole_energy(&self) -> f64 {
+        let State { whole, now, .. } = self.state();
+        whole.energies(now).iter().sum()
+    }
 
     /// Energy that an exact method would keep \[J\]; `½ vᵀMv + ½ qᵀKq` where no better one is known.
     fn energy(&self) -> f64 {
-        let [q, v] = self.motion();
-        self.whole().energies(&q, &v).iter().sum()
+        self.whole_energy()
     }
 
     /// Multiplications of one step of the run.
@@ -60,25 +75,25 @@ pub(super) trait Coupling {
 /// A method that has no meaning in the scene, by name.
 pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Box<dyn Coupling>> {
     Ok(match method {
-        Method::Arlequin => Box::new(arlequin::energy(case)?),
-        Method::Nodal => Box::new(arlequin::nodal(case)?),
-        Method::Lumped => Box::new(arlequin::lumped(case)?),
-        Method::LumpedVelocities => Box::new(arlequin::lumped(case)?.once()),
-        Method::Edge => Box::new(edge::edge(case, true)?),
-        Method::EdgeWeak => Box::new(edge::edge(case, false)?),
-        Method::Penalty => Box::new(penalty::penalty(case, penalty)?),
-        Method::Augmented => Box::new(augmented::augmented(case)?),
+        Method::Arlequin => Box::new(multipliers::arlequin(case)?),
+        Method::Nodal => Box::new(multipliers::nodal(case)?),
+        Method::Lumped => Box::new(multipliers::lumped(case)?),
+        Method::LumpedVelocities => Box::new(Reflections {
+            once: true,
+            ..multipliers::lumped(case)?
+        }),
+        Method::Augmented => Box::new(multipliers::augmented(case)?),
+        Method::Edge => Box::new(particles::edge(case, true)?),
+        Method::EdgeWeak => Box::new(particles::edge(case, false)?),
+        Method::Penalty => Box::new(particles::penalty(case, penalty)?),
         Method::Blend => Box::new(blend::blend(case)?),
         Method::Oniom => Box::new(blend::oniom(case)?),
         Method::BridgingScale => Box::new(bridging::Bridging::new(case)?),
         Method::Gc => Box::new(Multistep::new(case, Scheme::GravouilCombescure)?),
         Method::Ph => Box::new(Multistep::new(case, Scheme::PrakashHjelmstad)?),
         Method::Schwarz => Box::new(schwarz::Schwarz::new(case)?),
-        Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, None)?),
-        Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(
-            case,
-            Some(quasicontinuum::CLUSTER),
-        )?),
+        Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, false)?),
+        Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(case, true)?),
     })
 }
 

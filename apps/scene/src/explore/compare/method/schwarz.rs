@@ -2,15 +2,14 @@
 //! motion of the other at its border, and both repeat a step of the run from its start until these motions
 //! agree.
 
-use super::Coupling;
+use super::{Coupling, State};
 use crate::error::{Result, key};
-use crate::explore::compare::case::Case;
-use crate::explore::compare::reflections::Pace;
-use crate::explore::compare::sparse::product;
+use crate::explore::compare::case::{COARSE, Case, FINE};
+use crate::explore::compare::reflections::{MOST_OWN, Pace};
+use crate::explore::compare::sparse::{Followers, product};
 use crate::explore::compare::system::{Motion, System};
 use crate::spec::Method;
-use arlequin::core::ShapeRow;
-use arlequin::core::sprs::{CsMat, TriMat};
+use arlequin::core::Weights;
 use std::ops::Range;
 
 /// Change of the displacements, relative to the largest one, at which the alternation ends.
@@ -26,12 +25,9 @@ pub(super) struct Schwarz {
     /// Models without weights, which step.
     system: System,
     /// Models with the weights of the scene, whose energies have a sum.
-    shared: System,
-    /// Value of each prescribed unknown from those of the other model; empty rows for others.
-    trace: CsMat<f64>,
-    prescribed: Vec<bool>,
-    pace: Pace,
-    now: Motion,
+    state: State,
+    /// Unknowns at the border of either model, which follow the other one.
+    border: Followers,
     /// Alternations in all, and steps.
     count: [usize; 2],
 }
@@ -39,55 +35,23 @@ pub(super) struct Schwarz {
 impl Schwarz {
     /// Couples by alternation.
     pub(super) fn new(case: &mut Case) -> Result<Self> {
-        let shared = case.system(&case.weights())?;
-        let system = case.plain_system()?;
-        let (d, split) = (case.components(), case.places.split);
-        // The last layer of nodes of either model.
-        let x = |range: Range<usize>| case.places.x[range].iter().copied();
-        let [last, first] = [
-            x(0..split).fold(f64::NEG_INFINITY, f64::max),
-            x(split..system.size()).fold(f64::INFINITY, f64::min),
-        ];
-        let half = 0.5 * case.spacing[1];
-        let coarse = case.border_nodes([last - half, f64::INFINITY])?;
-        let fine = case.followers(false, [f64::NEG_INFINITY, first + half]);
-        if coarse.is_empty() || fine.is_empty() {
-            return Err(case.refusal(Method::Schwarz, "finds no nodes at a border; widen the overlap"));
-        }
-        let mut trace = TriMat::new((system.size(), system.size()));
-        let mut prescribed = vec![false; system.size()];
-        let mut follow = |target: usize, sources: usize, row: &ShapeRow<f64>| {
-            for c in 0..d {
-                prescribed[target + c] = true;
-                for (node, value) in row.nodes.iter().zip(&row.values) {
-                    trace.add_triplet(target + c, sources + node * d + c, *value);
-                }
-            }
-        };
-        coarse.iter().for_each(|(k, row)| follow(k * d, split, row));
-        fine.iter().for_each(|(k, row)| follow(split + k * d, 0, row));
-        let pace = Pace::split(&system)?;
+        let weights = case.weights.clone();
+        let shared = case.system(&weights)?;
+        let system = case.system(&[Weights::uncoupled(), Weights::uncoupled()])?;
+        let pace = Pace::split(&system, MOST_OWN)?;
         Ok(Self {
-            trace: trace.to_csr(),
-            now: Motion::default(),
+            border: border(case, &system)?,
+            state: State::new(shared, pace),
             count: [0; 2],
             system,
-            shared,
-            prescribed,
-            pace,
         })
     }
 
-    fn sides(&self) -> [Range<usize>; 2] {
-        let split = self.system.places.split;
-        [0..split, split..self.system.size()]
-    }
-
-    /// Sets the prescribed unknowns of one model by the motions of the other at the begin and the end of the
-    /// step, after a share `s` of it.
+    /// Sets the unknowns at the border of one model by the motions of the other at the begin and the end of
+    /// the step, after a share `s` of it.
     fn prescribe(&self, m: &mut Motion, range: Range<usize>, [begin, end]: [&Motion; 2], s: f64) {
-        for i in range.filter(|i| self.prescribed[*i]) {
-            let row = self.trace.outer_view(i);
+        for i in range.filter(|i| self.border.has(*i)) {
+            let row = self.border.rows.outer_view(i);
             let mut sums = [0.0; 3];
             for (j, w) in row.iter().flat_map(|r| r.iter()) {
                 let mean = |x: &[f64], y: &[f64]| w * ((1.0 - s) * x[j] + s * y[j]);
@@ -100,69 +64,80 @@ impl Schwarz {
     }
 
     /// Makes the own steps of one model within a step of the run.
-    fn leap(&self, m: &mut Motion, side: usize, data: [&Motion; 2]) {
-        let range = self.sides()[side].clone();
-        let own = if side == 0 { 1 } else { self.pace.own };
-        let dt = self.pace.step / own as f64;
+    fn leap(&self, m: &mut Motion, range: Range<usize>, own: usize, data: [&Motion; 2]) {
+        let dt = self.state.pace.step / own as f64;
         for j in 1..=own {
-            System::drift(m, range.clone(), dt);
+            m.drift(range.clone(), dt);
             self.prescribe(m, range.clone(), data, j as f64 / own as f64);
-            self.system.kick(m, range.clone(), dt);
+            self.system.accelerate(m, range.clone());
+            m.kick(range.clone(), dt);
             // The forces of the model do not move its border.
             self.prescribe(m, range.clone(), data, j as f64 / own as f64);
         }
     }
 }
 
+/// The last layer of nodes of either model, which follows the other model.
+fn border(case: &Case, system: &System) -> Result<Followers> {
+    let (d, split) = (case.components(), system.places.split);
+    let (half, [coarse, fine]) = (0.5 * case.spacing[FINE], system.sides());
+    let x = |range: Range<usize>| system.places.x[range].iter().copied();
+    let last = x(coarse).fold(f64::NEG_INFINITY, f64::max);
+    let first = x(fine).fold(f64::INFINITY, f64::min);
+    let mut nodes = Vec::new();
+    for (k, row) in case.shapes([FINE, COARSE], [last - half, f64::INFINITY]) {
+        let row = row.map_err(|e| {
+            let name = case.model_name(FINE);
+            let rule = format!(
+                "needs the displacement of model '{name}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
+                 elements"
+            );
+            case.refusal(Method::Schwarz, &rule)
+        });
+        nodes.push((k * d, split, row?));
+    }
+    let coarse = nodes.len();
+    let fine = case.shapes([COARSE, FINE], [f64::NEG_INFINITY, first + half]);
+    nodes.extend(fine.filter_map(|(k, row)| Some((split + k * d, 0, row.ok()?))));
+    if coarse == 0 || nodes.len() == coarse {
+        return Err(case.refusal(Method::Schwarz, "finds no nodes at a border; widen the overlap"));
+    }
+    Ok(Followers::new(system.size(), d, &nodes))
+}
+
 impl Coupling for Schwarz {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let mut free = Motion {
-            q: q.to_vec(),
-            v: v.to_vec(),
-            a: vec![0.0; q.len()],
-        };
+        let mut free = Motion::new(q.to_vec(), v.to_vec());
         self.system.accelerate(&mut free, 0..q.len());
         let mut now = free.clone();
-        for range in self.sides() {
-            self.prescribe(&mut now, range, [&free, &free], 1.0);
-        }
-        (self.now, self.count) = (now, [0; 2]);
+        self.prescribe(&mut now, 0..q.len(), [&free, &free], 1.0);
+        (self.state.now, self.count) = (now, [0; 2]);
     }
 
     fn advance(&mut self) {
-        let saved = self.now.clone();
-        let mut guess = saved.clone();
+        let (saved, [coarse, fine]) = (self.state.now.clone(), self.system.sides());
         self.count[1] += 1;
         for _ in 0..MOST {
             self.count[0] += 1;
             let mut next = saved.clone();
-            self.leap(&mut next, 0, [&saved, &guess]);
+            self.leap(&mut next, coarse.clone(), 1, [&saved, &self.state.now]);
             // The fine model sees the coarse step that has just been made.
-            let coarse = next.clone();
-            self.leap(&mut next, 1, [&saved, &coarse]);
-            let done = agree(&next.q, &guess.q);
-            guess = next;
+            let made = next.clone();
+            self.leap(&mut next, fine.clone(), self.state.pace.own, [&saved, &made]);
+            let done = agree(&next.q, &self.state.now.q);
+            self.state.now = next;
             if done {
                 break;
             }
         }
-        self.now = guess;
     }
 
-    fn pace(&self) -> Pace {
-        self.pace
-    }
-
-    fn whole(&self) -> &System {
-        &self.shared
-    }
-
-    fn motion(&self) -> [Vec<f64>; 2] {
-        self.now.pair()
+    fn state(&self) -> &State {
+        &self.state
     }
 
     fn work(&self) -> f64 {
-        let alternation = self.system.work(self.pace.own) + self.trace.nnz() as f64;
+        let alternation = self.system.work(self.state.pace.own) + self.border.rows.nnz() as f64;
         alternation * self.count[0].max(1) as f64 / self.count[1].max(1) as f64
     }
 
@@ -170,12 +145,12 @@ impl Coupling for Schwarz {
         let mut out = q.to_vec();
         for _ in 0..MOST_AT_REST {
             let before = out.clone();
-            for range in self.sides() {
-                let border = product(&self.trace, &out);
-                let prescribed = range.clone().filter(|i| self.prescribed[*i]);
+            for range in self.system.sides() {
+                let border = product(&self.border.rows, &out);
+                let prescribed = range.clone().filter(|i| self.border.has(*i));
                 prescribed.for_each(|i| out[i] = border[i]);
                 // The other model stands still.
-                let fixed = |i: usize| held[i] || self.prescribed[i] || !range.contains(&i);
+                let fixed = |i: usize| held[i] || self.border.has(i) || !range.contains(&i);
                 let fixed: Vec<bool> = (0..out.len()).map(fixed).collect();
                 out = self.system.equilibrium(out, &fixed, None)?;
             }

@@ -1,0 +1,60 @@
+//! The method of this program, with its weights at nodes, and with multipliers that miss the constraint.
+
+use crate::error::Result;
+use crate::explore::compare::case::Case;
+use crate::explore::compare::reflections::{MOST_OWN, Pace, Reflections};
+use crate::explore::compare::sparse::diagonal;
+use crate::explore::compare::system::System;
+use crate::explore::compare::tie::{Tie, of_eigenvalues, pseudo_inverse};
+use arlequin::core::Weights;
+use arlequin::core::nalgebra::DMatrix;
+
+/// Penalty of augmented multipliers in units of the inverse of the largest eigenvalue of `S`.
+const PENALTY: f64 = 10.0;
+/// Iterations of augmented multipliers per step.
+const ITERATIONS: i32 = 2;
+
+/// Energies weighted by elements and bonds; multipliers by a function of the operator `S`.
+fn energy(case: &mut Case, function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>) -> Result<Reflections> {
+    let weights = case.weights.clone();
+    let system = case.system(&weights)?;
+    let tie = Tie::by(case.coupling(&system)?, &system.inverse, function)?;
+    let pace = Pace::split(&system, MOST_OWN)?;
+    Ok(Reflections::new(system, Some(tie), pace))
+}
+
+/// Multipliers that meet the constraint.
+pub(super) fn arlequin(case: &mut Case) -> Result<Reflections> {
+    energy(case, &pseudo_inverse)
+}
+
+/// Multipliers by the row sums of the operator.
+pub(super) fn lumped(case: &mut Case) -> Result<Reflections> {
+    let inverse = |sum: f64| if sum > 0.0 { 1.0 / sum } else { 0.0 };
+    energy(case, &|s| DMatrix::from_diagonal(&s.column_sum().map(inverse)))
+}
+
+/// Augmented multipliers `μ_{k+1} = μ_k + p (G v − S μ_{k+1})`, from zero. After `k` iterations a mode of `S`
+/// with eigenvalue `s` has `μ = (1 − (1 + p s)^−k)/s` of its jump.
+pub(super) fn augmented(case: &mut Case) -> Result<Reflections> {
+    let iterated = |s: f64, top: f64| (1.0 - (1.0 + PENALTY * s / top).powi(-ITERATIONS)) / s;
+    energy(case, &|s| of_eigenvalues(s, &iterated))
+}
+
+/// `β(x_i) M_i q̈_i = −α(x_i) (K q)_i`: forces and masses weighted at the nodes. A node on a border has the
+/// weight of the floor (0.05), never zero.
+pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
+    let plain = case.system(&[Weights::uncoupled(), Weights::uncoupled()])?;
+    let [coarse, fine] = &case.nodal;
+    let alpha = case.nodal_values([&*coarse.internal, &*fine.internal]);
+    let beta = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
+    let mass = plain.mass.iter().zip(&beta).map(|(m, b)| m * b).collect();
+    let stiffness = &diagonal(alpha.into_iter()) * &plain.stiffness;
+    let system = System::new(plain.places, mass, &plain.mass, stiffness);
+    let tie = Tie::exact(case.coupling(&system)?, &system.inverse)?;
+    let pace = Pace::split(&system, MOST_OWN)?;
+    Ok(Reflections {
+        symmetric: false,
+        ..Reflections::new(system, Some(tie), pace)
+    })
+}
