@@ -411,8 +411,8 @@ impl Model<f64> for CnemModel {
 impl Boundary for CnemModel {
     /// Triangles of the surface; the faces of cracks are left out.
     fn triangles(&self) -> Vec<[u32; 3]> {
-        let faces = self.domain().constrained_faces().filter(|f| !f.1);
-        faces.map(|f| f.0.map(|k| k as u32)).collect()
+        let faces = self.domain().boundary();
+        faces.map(|f| f.map(|k| k as u32)).collect()
     }
 }
 
