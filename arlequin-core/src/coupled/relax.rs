@@ -20,10 +20,10 @@
 //! balance. Equilibrium therefore also means that the unbalanced forces of a model sum up to little:
 //!
 //! ```text
-//! max |f| <= ε max |f_int|      |Σ f| <= 10 ε Σ (|f_ext| + |R|)     along each axis, f on free unknowns
+//! max |f| <= ε max |f_int|      |Σ f| <= 10 ε (Σ |f_ext| + Σ |R|)     along each axis, f on free unknowns
 //! ```
 //!
-//! with the external forces `f_ext` and the reactions `R` of prescribed unknowns.
+//! with the external forces `f_ext` of free unknowns and the reactions `R`, each the resultant of a support.
 //!
 //! Bonds break in the order in which this motion brings them to their strength, with the true masses and
 //! while time stands still. The motion hardly swings beyond an equilibrium.
@@ -38,7 +38,8 @@ use crate::{Error, Real, Result, parallel};
 /// Steps between two evaluations of the residual, each of which costs as much as two steps.
 const LOOK: usize = 100;
 /// Residual of the sum of the unbalanced forces over that of single ones. A single force is compared with the
-/// largest one at any bond, a sum with the whole load.
+/// largest one at any bond, a sum with the whole load; where the load is less, as in a torn body, the sum is
+/// held to the limit of a single force.
 const OF_SUM: f64 = 10.0;
 /// Largest `c ΔT/2`. Damping that stops the motion within a step would leave nothing to find `ω` from.
 const MOST_DAMPING: f64 = 0.9;
@@ -220,7 +221,7 @@ impl<T: Real> Coupled<T> {
     }
 
     /// Returns the largest unbalanced force on a free displacement \[N\], and the largest sum of them in a
-    /// model along an axis, over external forces and reactions, or over `borne` \[N\] if these are less \[–\].
+    /// model along an axis over external forces and reactions, or over `borne/10` if these are less \[–\].
     fn unbalanced_forces(&mut self, time: T, borne: T) -> Result<(T, T)> {
         let (mut largest, mut sum) = (T::zero(), T::zero());
         for k in 0..self.subdomains.len() {
@@ -239,20 +240,26 @@ impl<T: Real> Coupled<T> {
                 }
             }
             let (mut lost, mut load) = ([T::zero(); 3], [T::zero(); 3]);
-            let inverse = self.subdomains[k].inverse_inertia();
+            let s = &self.subdomains[k];
             for dof in 0..layout.translations() {
-                let (force, axis) = (forces[dof], dof % layout.components);
                 // Supports balance the prescribed unknowns, which inverse inertia zero marks.
-                if inverse[dof] > T::zero() {
+                if s.inverse_inertia()[dof] > T::zero() {
+                    let (force, axis) = (forces[dof], dof % layout.components);
                     largest = largest.max(force.abs());
                     lost[axis] += force;
                     load[axis] += (force - internal[dof]).abs();
-                } else {
-                    load[axis] += force.abs();
                 }
             }
+            for support in s.supports() {
+                // Within a support, forces of both signs may be far larger than what it bears.
+                let mut reaction = [T::zero(); 3];
+                for dof in support.dofs.iter().filter(|d| **d < layout.translations()) {
+                    reaction[dof % layout.components] += forces[*dof];
+                }
+                load.iter_mut().zip(reaction).for_each(|(l, r)| *l += r.abs());
+            }
             for (lost, load) in lost.into_iter().zip(load) {
-                let load = load.max(borne);
+                let load = load.max(borne / T::of(OF_SUM));
                 sum = sum.max(if load > T::zero() {
                     lost.abs() / load
                 } else {
