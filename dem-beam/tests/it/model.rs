@@ -265,7 +265,8 @@ fn the_critical_step_of_a_few_free_particles_is_that_of_all_forces() {
             let step = m.critical_step(&some).unwrap();
             let root: Vec<f64> = some.iter().map(|m| m.sqrt()).collect();
             let whole = arlequin_core::Owned::whole(layout.nodes);
-            let a = spectrum::largest_ritz(&root, layout, &whole, &mut |q, f| m.add_internal_forces(q, f)).unwrap();
+            let a = spectrum::largest_ritz(&root, layout, &whole, &mut |q, f| m.add_internal_forces(q, f))
+                .unwrap();
             println!("DEBUG {} {} {}", all_forces, step, 2.0 / a.sqrt());
             // Lanczos errs on the safe side by 5e-5.
             assert!(
