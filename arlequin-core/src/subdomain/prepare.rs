@@ -209,8 +209,8 @@ impl<T: Real> Subdomain<T> {
     ///
     /// If a lower bound of it is not below the own step `asked`, this bound is returned, with `true`.
     ///
-    /// Where nodes may sleep, weights change: the step is then at most that of the model with a weight of one,
-    /// and a share of it unless a step is asked for.
+    /// Where nodes may sleep, weights change: the step is then at most that of the model with a weight of
+    /// one, and a share of it unless a step is asked for.
     pub(crate) fn critical_step(&mut self, between: &[StepDemand<T>], asked: Option<T>) -> Result<(T, bool)> {
         let share = if asked.is_some() {
             T::one()

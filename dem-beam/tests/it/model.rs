@@ -235,8 +235,8 @@ fn steep_weights_leave_the_critical_step() {
     assert!(nodal > 0.01 * alone && nodal < alone, "{}", nodal / alone);
 }
 
-/// Where most particles are held, the iteration leaves units of the kernel out and has short vectors. It finds
-/// what the iteration over all forces finds.
+/// Where most particles are held, the iteration leaves units of the kernel out and has short vectors. It
+/// finds what the iteration over all forces finds.
 #[test]
 fn the_critical_step_of_a_few_free_particles_is_that_of_all_forces() {
     let cube = lattice(Lattice::BodyCentred, [14, 14, 14], 1e-4).unwrap();

@@ -179,8 +179,8 @@ impl Painter {
         ]
     }
 
-    /// 1 for each node whose stress has a part that sleeps: nodes that sleep, and those of the cells of a mesh
-    /// around them. Spheres have that of their bonds that are awake.
+    /// 1 for each node whose stress has a part that sleeps: nodes that sleep, and those of the cells of a
+    /// mesh around them. Spheres have that of their bonds that are awake.
     fn stale(&self, asleep: &[f64]) -> Vec<f64> {
         let mut out = asleep.to_vec();
         if self.grid.radii.is_empty() {

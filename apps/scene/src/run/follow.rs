@@ -364,8 +364,8 @@ impl Follow {
         out
     }
 
-    /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay for a
-    /// change.
+    /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay
+    /// for a change.
     fn let_go(&self, busy: Vec<bool>, core: &mut [bool]) {
         let mut broken = vec![false; core.len()];
         let log = locked(&self.log);

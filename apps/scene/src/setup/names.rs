@@ -18,8 +18,8 @@ pub(super) fn parts(scene: &LoweredScene, m: usize) -> Vec<usize> {
     std::iter::once(m).chain(zones).collect()
 }
 
-/// Numbers of the models that carry a load on model `m`. A zone that moves stays off loads, so that the body's
-/// elements carry them alone.
+/// Numbers of the models that carry a load on model `m`. A zone that moves stays off loads, so that the
+/// body's elements carry them alone.
 pub(super) fn loaded_parts(scene: &LoweredScene, m: usize) -> Vec<usize> {
     match following(scene) {
         Some(_) => vec![m],

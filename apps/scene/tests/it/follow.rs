@@ -273,7 +273,8 @@ fn a_zone_that_follows_stays_off_supports_and_loads() {
     Scene::from_text(&widest).expect("a scene");
 }
 
-/// After the crack has cut the plate, its halves are without load, and the zone keeps what lies near to breaks.
+/// After the crack has cut the plate, its halves are without load, and the zone keeps what lies near to
+/// breaks.
 #[test]
 fn a_zone_lets_go_of_what_is_no_longer_loaded() {
     let lets_go = run(&scene(&[("follow = true", "follow.release = 0.2")]));
@@ -301,8 +302,8 @@ fn a_zone_lets_go_of_what_is_no_longer_loaded() {
     assert_eq!(summary.warnings.iter().filter(told).count(), 0);
 }
 
-/// A plate that two tractions draw apart carries them through all changes: the resultant of a clamp is that of
-/// the load, and the balance closes.
+/// A plate that two tractions draw apart carries them through all changes: the resultant of a clamp is that
+/// of the load, and the balance closes.
 #[test]
 fn a_load_on_the_body_acts_on_through_all_changes() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");

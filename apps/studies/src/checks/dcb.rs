@@ -41,7 +41,8 @@ fn by_load(force: f64, crack: f64, net: f64) -> f64 {
 
 /// Energy released per area `F²/(2 B_n) dC/da` \[J/m²\] for rows of crack length \[m\], load \[N\] and
 /// opening \[m\]. The compliance follows `C = (p + s a)³`, fitted by least squares of its cube root (Berry
-/// 1963): that of beams, with a stiffness and a root correction of its own in place of those of the closed form.
+/// 1963): that of beams, with a stiffness and a root correction of its own in place of those of the closed
+/// form.
 fn by_compliance(rows: &[[f64; 3]], net: f64) -> Vec<f64> {
     let count = rows.len() as f64;
     let root = |r: &[f64; 3]| (r[2] / r[1]).cbrt();

@@ -194,8 +194,9 @@ impl<T: Real> Coupled<T> {
     /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models,
     /// and a node that would wake without a giver.
     /// [`Error::InvalidParameter`] for interfaces or effects that are not those of the run. Errors of the
-    /// set-up for weights and interfaces; [`Error::UnstableStep`] if the new weights need more own steps than a
-    /// model was asked to make ([`OwnStep::Ratio`]). The run is unusable after an error of the set-up.
+    /// set-up for weights and interfaces; [`Error::UnstableStep`] if the new weights need more own steps
+    /// than a model was asked to make ([`OwnStep::Ratio`]). The run is unusable after an error of the
+    /// set-up.
     pub fn rezone(&mut self, change: Rezoning<T>) -> Result<Rezoned<T>> {
         self.check_rezoning(&change)?;
         let Rezoning {

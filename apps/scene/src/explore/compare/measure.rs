@@ -25,8 +25,8 @@ pub(super) struct Waves {
     /// The pulse from the fine and from the coarse model, and how long \[s\] it takes to pass.
     pub(super) down: (Wave, f64),
     up: (Wave, f64),
-    /// The packet above the coarse cutoff from the fine model, and how long \[s\] it takes to meet the overlap
-    /// and to leave it; `None` if the fine model cannot carry one.
+    /// The packet above the coarse cutoff from the fine model, and how long \[s\] it takes to meet the
+    /// overlap and to leave it; `None` if the fine model cannot carry one.
     pub(super) packet: Option<(Wave, f64)>,
     width: f64,
     spacing: [f64; 2],

@@ -218,8 +218,8 @@ fn the_bridging_scale_keeps_uniform_states() {
     assert!(off < 1e-12, "{off:e}");
 }
 
-/// A standing wave between free ends works at the end of the zone: it gains where the zone takes more than half
-/// of the line and loses where it takes half. A longer memory changes nothing of it.
+/// A standing wave between free ends works at the end of the zone: it gains where the zone takes more than
+/// half of the line and loses where it takes half. A longer memory changes nothing of it.
 #[test]
 fn a_standing_wave_gains_or_loses_at_the_end_of_the_zone() {
     let text = example("bar-1d").replace("from = 0.28, to = 0.58", "from = 0.09, to = 0.2");

@@ -4,9 +4,9 @@
 //! The slope of the coarse field beside the end is that of the middle of an element, which sends back a
 //! little of a wave that both models carry (Tang, Hou and Liu 2006). The force of the end therefore works on
 //! what passes: a wave that travels through loses energy. A standing wave loses or gains, by its phase at the
-//! end. Waves of 7 to 50 coarse spacings between free ends gained without bound in two lines of which the zone
-//! takes more than half, and lost most of their energy in one of which it takes half; a longer memory changes
-//! nothing. Figures hold for waves that pass the end a few times.
+//! end. Waves of 7 to 50 coarse spacings between free ends gained without bound in two lines of which the
+//! zone takes more than half, and lost most of their energy in one of which it takes half; a longer memory
+//! changes nothing. Figures hold for waves that pass the end a few times.
 
 use super::{Coupling, State};
 use crate::error::Result;
