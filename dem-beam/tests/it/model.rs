@@ -242,6 +242,8 @@ fn the_critical_step_of_a_few_free_particles_is_that_of_all_forces() {
     let cube = lattice(Lattice::BodyCentred, [14, 14, 14], 1e-4).unwrap();
     for finite in [false, true] {
         let mut m = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
+        // The iteration is on the linear law, whose forces hold for vectors of any size.
+        let mut linear = DemModel::new("cube", &cube, BeamMaterial::SILICA, 2200.0).unwrap();
         if finite {
             m = m.with_finite_rotations();
         }
@@ -261,13 +263,9 @@ fn the_critical_step_of_a_few_free_particles_is_that_of_all_forces() {
         };
         for share in [0.1, 0.4] {
             let some = inverse_inertia(&|x| x.x < share * 14e-4);
-            let all_forces = spectrum::critical_step(&some, &mut |q, f| m.add_internal_forces(q, f)).unwrap();
+            let all_forces =
+                spectrum::critical_step(&some, &mut |q, f| linear.add_internal_forces(q, f)).unwrap();
             let step = m.critical_step(&some).unwrap();
-            let root: Vec<f64> = some.iter().map(|m| m.sqrt()).collect();
-            let whole = arlequin_core::Owned::whole(layout.nodes);
-            let a = spectrum::largest_ritz(&root, layout, &whole, &mut |q, f| m.add_internal_forces(q, f))
-                .unwrap();
-            println!("DEBUG {} {} {}", all_forces, step, 2.0 / a.sqrt());
             // Lanczos errs on the safe side by 5e-5.
             assert!(
                 (step / all_forces - 1.0).abs() < 1e-4,
