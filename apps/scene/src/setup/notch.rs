@@ -384,7 +384,7 @@ mod tests {
         let plane = |height: f64, low: f64| {
             let within = Some(NotchBox {
                 low: [0.0, low, 0.0],
-                high: [6.0, 6.0, 2.0],
+                high: [6.0, low + 6.0, 2.0],
             });
             knife(Notch {
                 plane: Some(NotchPlane {
