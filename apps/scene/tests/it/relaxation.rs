@@ -51,7 +51,7 @@ fn bonds_left(text: &str) -> usize {
 }
 
 /// An arm that hangs on one bond swings over tens of thousands of steps; under critical damping it takes
-/// about three periods to a residual of 1e-6.
+/// about four periods to a residual of 1e-6.
 #[test]
 fn an_arm_that_hangs_on_one_bond_reaches_the_equilibrium_of_the_direct_solution() {
     let text = cantilever(&all_but_a_corner());
@@ -66,8 +66,8 @@ fn an_arm_that_hangs_on_one_bond_reaches_the_equilibrium_of_the_direct_solution(
         "{} steps to {:e}; the tip moves by {a:e} and {b:e} m",
         step.iterations, step.residual
     );
-    assert!(step.method == "relaxed" && step.residual <= 1e-6 && step.iterations <= 100_000);
-    assert!((b / a - 1.0).abs() < 2e-3, "{a:e}, {b:e}");
+    assert!(step.method == "relaxed" && step.residual <= 1e-6 && step.iterations <= 130_000);
+    assert!((b / a - 1.0).abs() < 1e-4, "{a:e}, {b:e}");
     // The bond bends more than the whole arm does.
     let whole = tip(&run(&cantilever("")));
     assert!(a > 30.0 * whole, "{a:e}, {whole:e}");

@@ -38,9 +38,8 @@ pub(super) fn quasicontinuum(case: &mut Case, by_clusters: bool) -> Result<Refle
 /// Weight of the bonds near the layers of coarse nodes, as many times as large as they are rare. A bond
 /// belongs to a cluster by its middle. One factor serves all clusters.
 ///
-/// Bonds of one element of a chain are strained equally, so that on a chain whose elements are all of one
-/// length the sums are those over all bonds. Elsewhere, where a cluster stands for bonds unlike its own (an
-/// element cut by the end of the region, a packing), they are not: ghost forces (Luskin and Ortner 2009).
+/// Bonds of one element of a chain are strained equally, so that the sums are those over all bonds. On a
+/// packing, where a cluster stands for bonds unlike its own, they are not (Luskin and Ortner 2009).
 fn clusters(case: &Case) -> Result<Arc<dyn Weight<f64>>> {
     let half = CLUSTER * case.spacing[FINE];
     let mut layers = case.parts[COARSE].places.x.clone();
