@@ -61,6 +61,9 @@ type Frame = (Point3<f64>, Vector3<f64>);
 /// Weights of the coarse and the fine model.
 pub(super) type Pair = [Weights<f64>; 2];
 
+/// Weights of the stiffness and of the masses of a model, if it has any.
+type Weighted<'a> = Option<[&'a dyn Weight<f64>; 2]>;
+
 impl Case {
     /// Builds the models of a scene with a single interface between two planes.
     ///
@@ -126,7 +129,7 @@ impl Case {
 
     /// Systems of one or two models as one, each with weights of stiffness and masses, without coupling. A
     /// model without weights lends its shape functions only.
-    pub(super) fn assemble(&mut self, models: &[(usize, Option<[&dyn Weight<f64>; 2]>)]) -> Result<System> {
+    pub(super) fn assemble(&mut self, models: &[(usize, Weighted<'_>)]) -> Result<System> {
         let (mut places, mut mass, mut full) = (Places::default(), Vec::new(), Vec::new());
         let mut blocks: Option<CsMat<f64>> = None;
         for (k, weights) in models {

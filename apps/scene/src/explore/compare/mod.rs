@@ -123,7 +123,7 @@ pub fn compare(
         match measured {
             Ok((row, _)) => rows.push(row),
             Err(e) if e.is_input() && m != Method::Arlequin => {
-                refused.push((m.name().to_owned(), e.to_string()))
+                refused.push((m.name().to_owned(), e.to_string()));
             }
             Err(e) => return Err(e),
         }
