@@ -99,7 +99,7 @@ pub struct Taken {
     pub by_load: f64,
     /// Mean of `3 F δ/(2 B_n (a + χ h))`, which needs no modulus.
     pub by_opening: f64,
-    /// Mean of `F²/(2 B_n) dC/da` with the measured compliance `C = δ/F`; see [`by_compliance`].
+    /// Mean of `F²/(2 B_n) dC/da` with the measured compliance `C = δ/F`.
     pub by_compliance: f64,
     /// Energy that the bonds released.
     pub released: f64,
