@@ -416,7 +416,7 @@ impl Follow {
                     slope += d * row.gradients[k].transpose();
                 }
                 // Outside, the field goes on linearly.
-                let relaxation = response.at(&slope);
+                let relaxation = response.in_gradient(&slope);
                 u.copy_from_slice((value + slope * way + relaxation[0]).as_slice());
                 th.copy_from_slice((turn + relaxation[1]).as_slice());
             });
@@ -447,7 +447,7 @@ fn in_unit_strains(
                 .zip(angular.par_chunks_exact_mut(3));
             let places = nodes.par_iter().zip(&*moving.responses);
             chunks.zip(places).for_each(|((u, th), (x, response))| {
-                let relaxation = response.at(&h);
+                let relaxation = response.in_gradient(&h);
                 u.copy_from_slice((h * x.coords + relaxation[0]).as_slice());
                 th.copy_from_slice(relaxation[1].as_slice());
             });

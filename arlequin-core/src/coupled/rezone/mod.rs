@@ -39,7 +39,7 @@ pub struct Response<T: Real>(pub [[Vector3<T>; 2]; 6]);
 
 impl<T: Real> Response<T> {
     /// Displacement and rotation in a field with the gradient `∂u_i/∂x_j` \[–\].
-    pub fn at(&self, gradient: &Matrix3<T>) -> [Vector3<T>; 2] {
+    pub fn in_gradient(&self, gradient: &Matrix3<T>) -> [Vector3<T>; 2] {
         let h = |i: usize, j: usize| gradient[(i, j)];
         let strains = [
             h(0, 0),

@@ -430,7 +430,7 @@ fn from_coarse<T: Real>(
             }
             if let Some(responses) = responses {
                 for (what, slope) in slopes.iter().enumerate() {
-                    let [u, turn] = responses[i].at(slope);
+                    let [u, turn] = responses[i].in_gradient(slope);
                     sum[what] += u;
                     if turns {
                         sum[2 + what] += turn;
