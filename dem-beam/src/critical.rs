@@ -124,8 +124,10 @@ pub(crate) fn largest(
     (root, layout, owned): (&[f64], DofLayout, &Owned),
     bonds: &mut dyn BondForces,
 ) -> arlequin_core::Result<f64> {
-    // Particles that are held take no forces.
-    bonds.leave_out(&|i| root[3 * i] <= 0.0);
+    // Particles that are held in all six components take no forces.
+    let (linear, angular) = root.split_at(layout.translations());
+    let is_held = |part: &[f64], i: usize| part[3 * i..3 * i + 3].iter().all(|r| *r <= 0.0);
+    bonds.leave_out(&|i| is_held(linear, i) && is_held(angular, i));
     let top = spectrum::largest_ritz(root, layout, owned, &mut |q, f| Ok(bonds.add(q, f, None)?));
     bonds.leave_out(&|_| false);
     top

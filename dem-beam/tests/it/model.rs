@@ -273,6 +273,20 @@ fn the_critical_step_of_a_few_free_particles_is_that_of_all_forces() {
                 step / all_forces
             );
         }
+        // Held along one axis, all particles still move along the others and turn.
+        let mut guided = inverse_inertia(&|_| true);
+        guided[..layout.translations()]
+            .iter_mut()
+            .step_by(3)
+            .for_each(|w| *w = 0.0);
+        let all_forces =
+            spectrum::critical_step(&guided, &mut |q, f| linear.add_internal_forces(q, f)).unwrap();
+        let step = m.critical_step(&guided).unwrap();
+        assert!(
+            (step / all_forces - 1.0).abs() < 1e-4,
+            "guided {}",
+            step / all_forces
+        );
         // Nothing is left out afterwards.
         let (mut f, q) = (vec![0.0; layout.dofs()], vec![1e-6; layout.dofs()]);
         m.add_internal_forces(&q, &mut f).unwrap();
