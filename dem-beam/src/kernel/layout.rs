@@ -20,7 +20,7 @@ pub(crate) struct Layout {
     /// For each unit of parallel work: true if all of its particles sleep, that is, none of their bonds is
     /// awake.
     asleep: Vec<bool>,
-    /// Units of parallel work that are left out of forces for now.
+    /// Units of parallel work that are left out of forces until the next call of [`Self::leave_out`].
     left_out: Vec<bool>,
     /// Half-bonds.
     pub(crate) slots: Vec<Slot>,

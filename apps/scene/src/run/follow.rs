@@ -108,7 +108,7 @@ impl Placed {
     }
 }
 
-/// What a look finds: the elements that the zone should have, the worst bond that slept, and a support that
+/// Findings of a look: the elements that the zone should have, the worst bond that slept, and a support that
 /// keeps the zone from where bonds are loaded.
 struct Look {
     core: Vec<bool>,

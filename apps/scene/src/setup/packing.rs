@@ -69,7 +69,7 @@ pub struct Toughness {
     pub softening: Option<Softening>,
 }
 
-/// What a fracture energy means for beams that soften.
+/// Figures that a fracture energy and a peak stress imply for beams that soften.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Softening {
     /// Axial stress of the beams at their peak \[Pa\].
