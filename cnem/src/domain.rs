@@ -158,6 +158,30 @@ impl Domain {
         })
     }
 
+    /// Returns the faces of the boundary with their corners counter-clockwise from outside; faces of cracks
+    /// are left out. Together they are closed.
+    ///
+    /// They are the faces between tetrahedra of the domain and others, flat ones within the domain included.
+    /// Constrained faces keep the order in which they were given, and those of a hull of nodes that are
+    /// coplanar up to round-off may belong to flat tetrahedra outside of the domain.
+    pub fn boundary(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        let belongs = |t: usize| self.inside[t] || self.glued[t];
+        let is_crack = |side: u32| {
+            let face = self.face_at.get(&side);
+            face.is_some_and(|f| self.mesh.faces[*f as usize].crack)
+        };
+        let tets = self.delaunay.tets.iter().enumerate();
+        let own = tets.filter(move |(k, _)| belongs(*k));
+        own.flat_map(move |(k, t)| {
+            let is_outer = move |slot: &usize| {
+                let behind = (t.n[*slot] >> 2) as usize;
+                !belongs(behind) && !is_crack((k << 2 | slot) as u32)
+            };
+            let outer = (0..4).filter(is_outer);
+            outer.map(move |slot| t.face(slot).map(|v| v as usize))
+        })
+    }
+
     /// Distance \[m\] from the domain up to which a point counts as being on the boundary.
     pub fn tolerance(&self) -> f64 {
         self.tolerance

@@ -410,9 +410,9 @@ impl Model<f64> for CnemModel {
 
 impl Boundary for CnemModel {
     /// Triangles of the surface; the faces of cracks are left out.
-    fn triangles(&self) -> Vec<[u32; 3]> {
-        let faces = self.domain().constrained_faces().filter(|f| !f.1);
-        faces.map(|f| f.0.map(|k| k as u32)).collect()
+    fn faces(&self) -> Vec<[u32; 4]> {
+        let faces = self.domain().boundary();
+        faces.map(|[a, b, c]| [a, b, c, c].map(|k| k as u32)).collect()
     }
 }
 

@@ -65,6 +65,40 @@ fn assert_exact(bodies: &[Body], maps: impl Iterator<Item = Map>, keep: bool) {
     }
 }
 
+/// Asserts that the boundary of every body in every place is closed, has all facets outwards, and encloses
+/// the volume.
+fn assert_outward(bodies: &[Body], maps: impl Iterator<Item = Map>) {
+    for (k, map) in maps.enumerate() {
+        for body in bodies {
+            let body = body.mapped(&map);
+            let name = format!("{} in place {k}", body.name);
+            let domain = Domain::new(&body.points, &body.surface).unwrap();
+            let mut edges = std::collections::BTreeMap::<[usize; 2], i32>::new();
+            let (nodes, mut volume) = (domain.nodes(), 0.0);
+            for f in domain.boundary() {
+                let [a, b, c] = f.map(|n| nodes[n] - nodes[0]);
+                volume += a.dot(&b.cross(&c)) / 6.0;
+                for [p, q] in [[f[0], f[1]], [f[1], f[2]], [f[2], f[0]]] {
+                    *edges.entry([p.min(q), p.max(q)]).or_default() += if p < q { 1 } else { -1 };
+                }
+            }
+            // The two facets at an edge run along it in opposite directions.
+            assert!(edges.values().all(|n| *n == 0), "{name}: open, or turned");
+            assert!(
+                (volume / body.volume - 1.0).abs() < 1e-10,
+                "{name}: {volume:e} m^3"
+            );
+        }
+    }
+}
+
+#[test]
+fn boundaries_look_outwards_turned_sheared_and_shifted() {
+    let bodies = all_bodies();
+    assert_outward(&bodies, (1..=20).map(Map::turn));
+    assert_outward(&bodies, (1..=20).map(|seed| Map::shear(seed, 0.3)));
+}
+
 #[test]
 fn linear_fields_have_their_energy_in_twenty_turns() {
     assert_exact(&all_bodies(), (1..=20).map(Map::turn), true);

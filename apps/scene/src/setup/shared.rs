@@ -91,6 +91,10 @@ pub(super) fn loads(
 ) -> Result<Vec<(usize, effect::Load<f64>)>> {
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
     load::check(&path, l)?;
+    if l.follow {
+        let rule = "acts on a model of its own, not on a body with zones; name a model, or remove it";
+        return Err(key(format!("{path}.follow"), rule));
+    }
     let time = time::time_function(&format!("{path}.time"), &l.time)?;
     let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();
