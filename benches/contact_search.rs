@@ -81,7 +81,7 @@ impl Interpolation<f64> for Nodes {
     fn shape_at(&self, x: &Point3<f64>, _: bool, _: &mut ShapeRow<f64>) -> Result<()> {
         Err(Error::OutsideDomain {
             point: x.coords.into(),
-            role: "bench",
+            role: "bench".into(),
         })
     }
 }
