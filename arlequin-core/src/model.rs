@@ -335,9 +335,15 @@ impl<T: Real> std::fmt::Debug for Views<'_, T> {
 
 /// A model with a surface of flat facets.
 pub trait Boundary {
-    /// Nodes of the triangles of the surface, counter-clockwise from outside; quadrilaterals are cut into
-    /// two. The nodes are those of [`Model::nodes`].
-    fn triangles(&self) -> Vec<[u32; 3]>;
+    /// Nodes of the faces of the surface, counter-clockwise from outside, with the numbers of
+    /// [`Model::nodes`]. A triangle repeats its last node.
+    fn faces(&self) -> Vec<[u32; 4]>;
+
+    /// Nodes of the triangles of the surface; quadrilaterals are cut into two.
+    fn triangles(&self) -> Vec<[u32; 3]> {
+        let cut = |[a, b, c, d]: [u32; 4]| [Some([a, b, c]), (c != d).then_some([a, c, d])];
+        self.faces().into_iter().flat_map(cut).flatten().collect()
+    }
 }
 
 /// One step of velocity Verlet under internal forces alone. Every slice holds one number per unknown.

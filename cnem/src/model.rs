@@ -410,9 +410,9 @@ impl Model<f64> for CnemModel {
 
 impl Boundary for CnemModel {
     /// Triangles of the surface; the faces of cracks are left out.
-    fn triangles(&self) -> Vec<[u32; 3]> {
+    fn faces(&self) -> Vec<[u32; 4]> {
         let faces = self.domain().boundary();
-        faces.map(|f| f.map(|k| k as u32)).collect()
+        faces.map(|[a, b, c]| [a, b, c, c].map(|k| k as u32)).collect()
     }
 }
 

@@ -7,9 +7,8 @@
 use crate::element::{self, ElementKind};
 use crate::error::{Error, Result, parameter};
 use crate::field::FemField;
-use crate::gmsh;
 use crate::kernel;
-use crate::mesh::Mesh;
+use crate::mesh::{Facet, Mesh};
 use crate::portion::Part;
 use crate::recovery;
 use arlequin_core::blocks::BlockMatrix;
@@ -361,8 +360,13 @@ impl<T: Real> StepBound<T> for FemModel<T> {
 }
 
 impl<T: Real> Boundary for FemModel<T> {
-    fn triangles(&self) -> Vec<[u32; 3]> {
-        gmsh::facets_of(self.mesh(), &self.mesh().boundary())
+    fn faces(&self) -> Vec<[u32; 4]> {
+        let mesh = self.mesh();
+        let nodes = |facet: &Facet| {
+            let nodes = mesh.facet_nodes(*facet);
+            [0, 1, 2, 3].map(|k: usize| nodes[k.min(nodes.len() - 1)])
+        };
+        mesh.boundary().iter().map(nodes).collect()
     }
 }
 

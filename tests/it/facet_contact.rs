@@ -3,105 +3,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use arlequin::cnem::constraint::Surface;
-use arlequin::cnem::domain::Domain;
-use arlequin::cnem::{CnemModel, Options};
-use arlequin::core::contact::{ContactLaw, Exterior, Solid, SurfaceContact};
+use crate::support::blocks::{Block, E, H, bits, block, depth_in, places, random};
+use arlequin::core::contact::{ContactLaw, Exterior, RigidShape, Solid, SurfaceContact};
 use arlequin::core::effect::{BodyForce, MassDamping, PairSpec};
-use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
-use arlequin::core::{
-    Coupled, Model, Parts, PrescribedMotion, Silent, Subdomain, TimeFunction, TimeStep, Weights,
-};
-use arlequin::dem_beam::packing::{Lattice, lattice};
-use arlequin::dem_beam::{BeamMaterial, ContactBody, DemModel};
-use arlequin::fem_ref::{Elastic, ElementKind, FemModel, Mesh, generate};
-
-const E: f64 = 70e9;
-const RHO: f64 = 2500.0;
-/// Size of an element \[m\].
-const H: f64 = 1e-3;
-
-fn material() -> Elastic<f64> {
-    Elastic::new(E, 0.2, RHO).unwrap()
-}
-
-/// A block of one of the kinds of models, with its exterior.
-struct Block {
-    side: Subdomain<f64>,
-    exterior: Exterior,
-}
-
-/// Mesh of a block, turned about its middle.
-fn mesh(
-    kind: ElementKind,
-    low: Vector3<f64>,
-    size: Vector3<f64>,
-    n: [usize; 3],
-    turn: Vector3<f64>,
-) -> Mesh<f64> {
-    let mesh: Mesh<f64> = generate::block(kind, Point3::from(low), Point3::from(low + size), n).unwrap();
-    let middle = Point3::from(low + size * 0.5);
-    let turned = mesh
-        .nodes()
-        .iter()
-        .map(|x| middle + Rotation3::new(turn) * (x - middle));
-    Mesh::new(kind, turned.collect(), mesh.connectivity().to_vec()).unwrap()
-}
-
-fn block(kind: &str, name: &str, low: Vector3<f64>, n: [usize; 3], h: f64, turn: Vector3<f64>) -> Block {
-    let size = Vector3::from(n.map(|n| n as f64)) * h;
-    let of = |model: &dyn Model<f64>| Exterior::surface(model).unwrap();
-    match kind {
-        "dem" => {
-            // Spheres of half the size, the lowest at the corner of the block.
-            let cells = n.map(|n| 2 * n);
-            let mut packing = lattice(Lattice::Cubic, cells, 0.25 * h).unwrap();
-            let first = Vector3::repeat(0.25 * h) - packing.positions[0] + low;
-            let middle = low + size * 0.5;
-            let turn = Rotation3::new(turn);
-            packing
-                .positions
-                .iter_mut()
-                .for_each(|x| *x = middle + turn * (*x + first - middle));
-            let model = DemModel::new(name, &packing, BeamMaterial::SILICA, RHO).unwrap();
-            let exterior = ContactBody::from_model(&model).exterior();
-            Block {
-                side: Subdomain::fine(model, Weights::uncoupled()),
-                exterior,
-            }
-        }
-        "cnem" => {
-            let mesh = mesh(ElementKind::Hex8, low, size, n, turn);
-            let domain = Domain::new(mesh.nodes(), &Surface::convex_hull()).unwrap();
-            let model = CnemModel::new(name, domain, material(), Options::default()).unwrap();
-            let exterior = of(&model);
-            Block {
-                side: Subdomain::coarse(model, Weights::uncoupled()),
-                exterior,
-            }
-        }
-        kind => {
-            let kind = if kind == "tet" {
-                ElementKind::Tet4
-            } else {
-                ElementKind::Hex8
-            };
-            let model = FemModel::new(name, mesh(kind, low, size, n, turn), material()).unwrap();
-            let exterior = of(&model);
-            Block {
-                side: Subdomain::coarse(model, Weights::uncoupled()),
-                exterior,
-            }
-        }
-    }
-}
-
-fn moving(s: Subdomain<f64>, velocity: Vector3<f64>) -> Subdomain<f64> {
-    let (nodes, dofs) = (s.model().nodes().len(), s.model().layout().dofs());
-    let mut v = vec![0.0; dofs];
-    (0..3 * nodes).for_each(|o| v[o] = velocity[o % 3]);
-    s.with_initial(vec![0.0; dofs], v).unwrap()
-}
+use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::{Coupled, Parts, PrescribedMotion, Silent, TimeFunction, TimeStep};
+use std::sync::Arc;
 
 fn touching(a: Block, b: Block, law: ContactLaw, fraction: f64) -> Coupled<f64> {
     let contact = SurfaceContact::new(&a.exterior, &b.exterior, law).unwrap();
@@ -146,11 +53,7 @@ fn thrown(below: &str, above: &str, law: ContactLaw, fraction: f64) -> Coupled<f
         H,
         turn,
     );
-    let b = Block {
-        side: moving(b.side, Vector3::new(1.0, 0.5, -20.0)),
-        ..b
-    };
-    touching(a, b, law, fraction)
+    touching(a, b.moving(Vector3::new(1.0, 0.5, -20.0)), law, fraction)
 }
 
 /// Elements, natural elements and particles: blows keep the momentum and create no energy.
@@ -228,17 +131,23 @@ fn resting(below: &str, above: &str, gravity: Vector3<f64>, law: ContactLaw, end
     run
 }
 
-const PAIRS: [(&str, &str); 5] = [
+/// All pairs of kinds of which one has facets.
+const PAIRS: [(&str, &str); 10] = [
     ("hex", "dem"),
     ("tet", "hex"),
     ("hex", "cnem"),
     ("cnem", "dem"),
     ("dem", "tet"),
+    ("hex", "hex"),
+    ("tet", "tet"),
+    ("cnem", "tet"),
+    ("cnem", "cnem"),
+    ("dem", "hex"),
 ];
 
 #[test]
 fn the_force_on_a_block_at_rest_is_its_weight() {
-    for (below, above) in PAIRS {
+    for (below, above) in &PAIRS[..5] {
         let law = ContactLaw {
             restitution: 0.3,
             ..ContactLaw::elastic(E)
@@ -266,8 +175,18 @@ fn the_force_on_a_block_at_rest_is_its_weight() {
 
 #[test]
 fn a_block_sticks_on_a_block_up_to_the_angle_of_friction() {
+    assert_threshold(&PAIRS[..3]);
+}
+
+#[test]
+#[ignore = "minutes: the other pairs of kinds"]
+fn a_block_of_any_kind_sticks_on_any_other_up_to_the_angle_of_friction() {
+    assert_threshold(&PAIRS[3..]);
+}
+
+fn assert_threshold(pairs: &[(&str, &str)]) {
     let mu = 0.3;
-    for (below, above) in &PAIRS[..3] {
+    for (below, above) in pairs {
         for slope in [0.29995, 0.30005_f64] {
             let law = ContactLaw {
                 friction: mu,
@@ -347,11 +266,22 @@ fn patch(kind: &str, counts: [usize; 2]) -> f64 {
         .fold(0.0, |worst, s| worst.max((s / mean - 1.0).abs()))
 }
 
+/// Matching meshes pass to round-off. Otherwise the error is that of the quadrature of one side's shape
+/// functions at the points of the other side. The functions of natural elements are not linear on facets.
 #[test]
 fn the_patch_test_of_contact_holds_within_a_per_cent() {
-    for (counts, limit) in [([2, 2], 1e-10), ([3, 4], 0.01)] {
-        let error = patch("tet", counts);
-        assert!(error < limit, "{counts:?}: {error:e}");
+    for (kind, counts, limit) in [
+        ("tet", [2, 2], 1e-10),
+        ("hex", [2, 2], 1e-10),
+        ("tet", [3, 4], 1e-3),
+        ("hex", [3, 4], 4e-3),
+        ("tet", [4, 7], 0.015),
+        ("hex", [4, 7], 0.01),
+        ("cnem", [3, 4], 0.2),
+    ] {
+        let error = patch(kind, counts);
+        eprintln!("patch {kind} {counts:?}: {error:e}");
+        assert!(error < limit, "{kind} {counts:?}: {error:e}");
     }
 }
 
@@ -361,13 +291,6 @@ fn threads_and_restarts_keep_the_bits() {
     let law = ContactLaw {
         friction: 0.4,
         ..ContactLaw::elastic(E)
-    };
-    let bits = |run: &Coupled<f64>| -> Vec<u64> {
-        let states = run
-            .subdomains()
-            .iter()
-            .flat_map(|s| s.state().q.iter().chain(&s.state().v));
-        states.map(|x| x.to_bits()).collect()
     };
     for (below, above) in [("hex", "tet"), ("cnem", "dem")] {
         let mut first = thrown(below, above, law, 0.8);
@@ -406,23 +329,16 @@ fn depth(run: &Coupled<f64>) -> f64 {
     let mut deepest = f64::NEG_INFINITY;
     for m in 0..2 {
         let [own, other] = [&run.subdomains()[m], &run.subdomains()[1 - m]];
-        let places = |s: &Subdomain<f64>| -> Vec<Point3<f64>> {
-            let moved = s.model().nodes().iter().zip(s.state().q.as_chunks::<3>().0);
-            moved.map(|(x, u)| x + Vector3::from(*u)).collect()
-        };
         let Some(surface) = other.model().views().surface else {
             continue;
         };
-        let nodes = places(other);
-        let faces = surface
+        let nodes: Vec<Point3<f64>> = places(other).collect();
+        let corners = surface
             .triangles()
-            .iter()
-            .map(|t| t.map(|n| nodes[n as usize]))
-            .collect();
-        let solid = Solid::new(faces).unwrap();
-        for x in places(own) {
-            deepest = deepest.max(-solid.distance(&x).0);
-        }
+            .into_iter()
+            .map(|t| t.map(|n| nodes[n as usize]));
+        let solid = RigidShape::Solid(Arc::new(Solid::new(corners.collect()).unwrap()));
+        deepest = deepest.max(depth_in([own].into_iter(), &solid, &Vector3::zeros()));
     }
     deepest
 }
@@ -430,33 +346,26 @@ fn depth(run: &Coupled<f64>) -> f64 {
 /// Random pairs of turned blocks are shot at each other: none passes through, whatever the step.
 #[test]
 fn forty_random_turned_pairs_do_not_pass_through() {
-    let mut seed = 11_u64;
-    let mut random = move || {
-        seed = seed
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut random = random(11);
     let kinds = [
         ("hex", "tet"),
         ("cnem", "tet"),
         ("hex", "cnem"),
         ("hex", "dem"),
         ("dem", "tet"),
+        ("cnem", "tet"),
+        ("hex", "cnem"),
+        ("cnem", "dem"),
     ];
     for k in 0..40 {
-        let (below, above) = kinds[k % 5];
+        let (below, above) = kinds[k % kinds.len()];
         let mut turn = || Vector3::new(random(), random(), random()) * 3.0;
         let (first, second) = (turn(), turn());
         let a = block(below, "below", Vector3::repeat(-1.5 * H), [3, 3, 3], H, first);
         let aside = Vector3::new(random() - 0.5, random() - 0.5, 0.0) * H;
         let low = aside + Vector3::new(-0.75, -0.75, 4.0) * H;
         let b = block(above, "above", low, [2, 2, 2], 0.75 * H, second);
-        let way = Vector3::new(0.0, 0.0, -40.0);
-        let b = Block {
-            side: moving(b.side, way),
-            ..b
-        };
+        let b = b.moving(Vector3::new(0.0, 0.0, -40.0));
         let law = ContactLaw {
             friction: 0.2,
             ..ContactLaw::elastic(E)

@@ -115,7 +115,8 @@ impl Scene {
         let table: toml::Table = toml::from_str(&source.text).map_err(syntax)?;
         plausible("", &table)?;
         // Parsed from the text, not from `table`: only then do errors have a line.
-        let spec = lower::lowered(toml::from_str(&source.text).map_err(syntax)?)?;
+        let mut spec = lower::lowered(toml::from_str(&source.text).map_err(syntax)?)?;
+        setup::locate_files(&mut spec, &source.folder);
         Ok(Self {
             source,
             changes: Vec::new(),
@@ -206,6 +207,7 @@ impl Scene {
         let spec = toml::from_str(&self.table.to_string())
             .map_err(|e: toml::de::Error| bad(in_words(e.message())))?;
         self.spec = lower::lowered(spec)?;
+        setup::locate_files(&mut self.spec, &self.source.folder);
         Ok(())
     }
 

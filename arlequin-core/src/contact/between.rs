@@ -104,6 +104,21 @@ fn power(sides: &[Side; 2], a: &Active, v: [&[f64]; 2]) -> f64 {
     a.force.dot(&speed) + a.torque.dot(&sides[s].spin(place, v[s]))
 }
 
+/// Motion of a foot and of point `k` of side `s` during the step.
+fn ends(
+    sides: &[Side; 2],
+    [s, k]: [usize; 2],
+    foot: &Place,
+    instants: [&Instant<'_, f64>; 2],
+    f: &[&mut [f64]; 2],
+) -> [End; 2] {
+    let point = &sides[s].points[k].place;
+    [
+        sides[1 - s].end(foot, instants[1 - s], f[1 - s]),
+        sides[s].end(point, instants[s], f[s]),
+    ]
+}
+
 impl Contacts {
     /// Returns an error if points lie deep inside the other model: it would hold them there or throw them
     /// out.
@@ -167,14 +182,12 @@ impl Contacts {
         }
         self.closed.end(dt);
         self.most = self.most.max(self.closed.active.len());
-        for n in 0..self.closed.active.len() {
-            let a = self.closed.active[n];
-            let (s, k) = locate(&self.sides, a.point);
-            let ends = self.ends(s, k, &a.foot, instants, f);
-            let three = |x: &[f64; 6], c: usize| Vector3::new(x[c], x[c + 1], x[c + 2]);
-            let speed = three(&ends[1].after, 0) - three(&ends[0].after, 0);
-            self.closed.active[n].expected = a.force.dot(&speed) + a.torque.dot(&three(&ends[1].after, 3));
-        }
+        let sides = &self.sides;
+        self.closed.expect(|a| {
+            let (s, k) = locate(sides, a.point);
+            let [foot, point] = ends(sides, [s, k], &a.foot, instants, f);
+            point.power(&a.force, &a.torque) - foot.power(&a.force, &Vector3::zeros())
+        });
         for n in 0..self.closed.active.len() {
             let a = self.closed.active[n];
             let (s, k) = locate(&self.sides, a.point);
@@ -184,24 +197,9 @@ impl Contacts {
         }
     }
 
-    /// Motion of a foot and of point `k` of side `s` during the step.
-    fn ends(
-        &self,
-        s: usize,
-        k: usize,
-        foot: &Place,
-        instants: [&Instant<'_, f64>; 2],
-        f: &[&mut [f64]; 2],
-    ) -> [End; 2] {
-        let point = &self.sides[s].points[k].place;
-        [
-            self.sides[1 - s].end(foot, instants[1 - s], f[1 - s]),
-            self.sides[s].end(point, instants[s], f[s]),
-        ]
-    }
-
     fn close(&mut self, point: u32, foot: &Foot, instants: [&Instant<'_, f64>; 2], f: &[&mut [f64]; 2]) {
         let (s, k) = locate(&self.sides, point);
+        self.closed.turned(foot.turn);
         let (own, other) = (&self.sides[s], &self.sides[1 - s]);
         let p = &own.points[k];
         let [stiffness, mass] = own.constants(k, other, foot);
@@ -223,7 +221,7 @@ impl Contacts {
                 twist(own, &p.place, instants[s].v_half),
             ],
         };
-        let ends = self.ends(s, k, &foot.place, instants, f);
+        let ends = ends(&self.sides, [s, k], &foot.place, instants, f);
         let spring = &mut self.closed.springs[point as usize];
         let r = self
             .closed
@@ -324,8 +322,10 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
+        let [contacts, turn] = self.closed.facts();
         vec![
-            ("contacts".into(), self.closed.active.len() as f64),
+            contacts,
+            turn,
             ("most contacts".into(), self.most as f64),
             ("neighbour searches".into(), self.near.searches as f64),
             ("listed points".into(), self.near.len() as f64),

@@ -14,11 +14,18 @@
 //! closes and opens between two instants, which adds or removes up to `(omega dt)^2/4` of the energy of the
 //! approach.
 //!
+//! Multipliers, and effects that are computed later, act on the ends in a way that the contact learns in the
+//! next step ([`Spring::settle`]). If it has opened by then, it cannot give energy back. It therefore holds
+//! back the work that twice the largest such change since touch would do.
+//!
 //! An elastic contact that is about to open in this step gives back the rest of its budget. The rebound is
 //! then elastic to round-off with any step; otherwise every other collision would lose a few per cent.
 
 use super::law::{ContactLaw, Pair, Response, Spring};
 use nalgebra::Vector3;
+
+/// Largest change by unknown forces for which a contact holds energy back, over the largest since touch.
+const SAFETY: f64 = 2.0;
 
 /// One end of a contact during the step: three displacements and three rotations.
 #[derive(Debug, Clone, Copy, Default)]
@@ -29,6 +36,15 @@ pub struct End {
     pub after: [f64; 6],
     /// Inverse inertia; zero where the motion is prescribed.
     pub inverse_inertia: [f64; 6],
+}
+
+impl End {
+    /// Power of a force and a torque on the velocities after the step \[W\].
+    #[must_use]
+    pub fn power(&self, force: &Vector3<f64>, torque: &Vector3<f64>) -> f64 {
+        let three = |c: usize| Vector3::new(self.after[c], self.after[c + 1], self.after[c + 2]);
+        force.dot(&three(0)) + torque.dot(&three(3))
+    }
 }
 
 /// Work of a response over the step: `s linear + s^2 square` if the response is scaled by `s` \[J\].
@@ -57,6 +73,14 @@ impl Work {
         Self {
             linear: dt * linear,
             square: 0.5 * dt * dt * square,
+        }
+    }
+
+    /// Returns the work if unknown forces make it larger by `reserve` \[J\].
+    fn with_reserve(&self, reserve: f64) -> Self {
+        Self {
+            linear: self.linear + reserve,
+            square: self.square,
         }
     }
 
@@ -163,6 +187,7 @@ impl BudgetedLaw {
 /// energy at this instant. An `elastic` contact that opens gives back the rest.
 fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
     let work = Work::from_response(r, ends, dt);
+    let dearest = work.with_reserve(SAFETY * 0.5 * dt * r.force.norm() * spring.unknown);
     let mut wanted = 1.0;
     if elastic {
         let three = |x: &[f64; 6]| Vector3::new(x[0], x[1], x[2]);
@@ -183,12 +208,12 @@ fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, sp
             // Twice the energy by which touching and parting between two instants can differ.
             let slack = 0.25 * r.stiffness * far * far;
             // May exceed one: a contact that opens gives back all that is left.
-            wanted = work
-                .scale((work.at_scale(1.0) + slack).min(spring.budget))
+            wanted = dearest
+                .scale((dearest.at_scale(1.0) + slack).min(spring.budget))
                 .max(wanted);
         }
     }
-    let s = wanted.min(work.scale(spring.budget));
+    let s = wanted.min(dearest.scale(spring.budget));
     r.force *= s;
     r.torque.iter_mut().for_each(|t| *t *= s);
     let done = work.at_scale(s);

@@ -7,9 +7,13 @@ use crate::record::Record;
 use nalgebra::Vector3;
 
 /// Numbers and integers of a closed contact in a record.
-const WIDTH: (usize, usize) = (11, 4);
+const WIDTH: (usize, usize) = (12, 5);
 /// Numbers of a spring in a record.
-const SPRING: usize = 7;
+const SPRING: usize = Spring::NUMBERS;
+
+/// Name of the figure that tells by how much a surface has turned where it touches. The surface of a linear
+/// model strains by half of its square.
+pub const LARGEST_TURN: &str = "largest turn of the surface [rad]";
 
 /// A closed contact and its response in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -19,7 +23,7 @@ pub(super) struct Active {
     pub(super) foot: Place,
     /// Force on the point \[N\].
     pub(super) force: Vector3<f64>,
-    /// Torque \[N m\] on the end that can turn: the ball that is touched, or the sphere that touches.
+    /// Torque \[N m\] on the point if it is a sphere.
     pub(super) torque: Vector3<f64>,
     pub(super) stored: f64,
     /// Power on the velocities after the step, from the forces that were known \[W\].
@@ -33,6 +37,8 @@ pub(super) struct Closed {
     pub(super) springs: Vec<Spring>,
     pub(super) active: Vec<Active>,
     backwards: bool,
+    /// Smallest cosine of the angle by which a facet in contact has turned since rest.
+    turn: f64,
 }
 
 impl Closed {
@@ -42,15 +48,23 @@ impl Closed {
             springs: vec![Spring::default(); points],
             active: Vec::new(),
             backwards: false,
+            turn: 1.0,
         }
     }
 
     /// Corrects the budgets for forces in the last step that were unknown when contacts were computed.
     /// `power` is that of a contact on the velocities after the step.
     pub(super) fn settle(&mut self, dt: f64, power: impl Fn(&Active) -> f64) {
-        for a in &self.active {
-            self.springs[a.point as usize].budget -= 0.5 * dt * (power(a) - a.expected);
+        // The first step gives all contacts that it finds closed their budgets.
+        let active: &[Active] = if self.law.begun { &self.active } else { &[] };
+        for a in active {
+            self.springs[a.point as usize].settle(dt, power(a) - a.expected, a.force.norm());
         }
+    }
+
+    /// Takes the power of each contact on the velocities after the step, from all forces known now.
+    pub(super) fn expect(&mut self, power: impl Fn(&Active) -> f64) {
+        self.active.iter_mut().for_each(|a| a.expected = power(a));
     }
 
     /// Begins a step of length `dt` \[s\]: forgets the responses of the last one.
@@ -77,6 +91,19 @@ impl Closed {
         }
     }
 
+    /// Takes note of a facet in contact, by the cosine of the angle by which it has turned since rest.
+    pub(super) fn turned(&mut self, cosine: f64) {
+        self.turn = self.turn.min(cosine);
+    }
+
+    /// Figures for reports: names (with units) and values.
+    pub(super) fn facts(&self) -> [(String, f64); 2] {
+        [
+            ("contacts".into(), self.active.len() as f64),
+            (LARGEST_TURN.into(), self.turn.clamp(-1.0, 1.0).acos()),
+        ]
+    }
+
     /// Energy of the springs \[J\].
     pub(super) fn stored(&self) -> f64 {
         self.active.iter().fold(0.0, |sum, a| sum + a.stored)
@@ -88,7 +115,7 @@ impl Closed {
         let flags = [self.law.begun, self.backwards].map(u64::from);
         out.integers.extend(flags);
         out.integers.push(closed().count() as u64);
-        out.numbers.push(self.law.supplied);
+        out.numbers.extend([self.law.supplied, self.turn]);
         for (k, spring) in closed() {
             out.integers.push(k as u64);
             out.numbers.extend(spring.numbers());
@@ -111,7 +138,7 @@ impl Closed {
         nodes: impl Fn(u32) -> usize,
     ) -> Option<()> {
         let (&[begun, backwards, closed], integers) = integers.split_first_chunk::<3>()?;
-        let (&[supplied], numbers) = numbers.split_first_chunk::<1>()?;
+        let (&[supplied, turn], numbers) = numbers.split_first_chunk::<2>()?;
         let closed = usize::try_from(closed).ok()?;
         let (places, integers) = integers.split_at_checked(closed)?;
         let (springs, numbers) = numbers.split_at_checked(closed.checked_mul(SPRING)?)?;
@@ -122,7 +149,7 @@ impl Closed {
         if integers.0.len() != numbers.0.len() || !integers.1.is_empty() || !numbers.1.is_empty() {
             return None;
         }
-        self.law.supplied = supplied;
+        (self.law.supplied, self.turn) = (supplied, turn);
         [self.law.begun, self.backwards] = [begun == 1, backwards == 1];
         self.springs.fill(Spring::default());
         for (k, x) in places.iter().zip(springs.as_chunks::<SPRING>().0) {
@@ -139,7 +166,7 @@ impl Closed {
                 point: point as u32,
                 foot: Place {
                     nodes: foot.map(|n| n as u32),
-                    weights: [x[8], x[9], x[10]],
+                    weights: [x[8], x[9], x[10], x[11]],
                 },
                 force: Vector3::new(x[0], x[1], x[2]),
                 torque: Vector3::new(x[3], x[4], x[5]),

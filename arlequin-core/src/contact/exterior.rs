@@ -1,7 +1,7 @@
 //! The exterior of a model, which touches that of another: the facets of a surface, or spheres.
 
 use super::facet::{self, Facet, Foot};
-use super::place::Place;
+use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
 use super::{ContactLaw, End};
 use crate::effect::{Host, Instant};
@@ -32,7 +32,7 @@ pub struct Exterior {
 #[derive(Debug, Clone)]
 enum Kind {
     /// Triangles of a surface.
-    Facets(Vec<[u32; 3]>),
+    Facets(Vec<Triangle>),
     /// Radii of spheres \[m\], one at each node.
     Spheres(Vec<f64>),
 }
@@ -44,7 +44,10 @@ impl Exterior {
         Some(Self {
             name: model.name().to_owned(),
             nodes: model.nodes().to_vec(),
-            kind: Kind::Facets(model.views().surface?.triangles()),
+            kind: Kind::Facets(Triangle::cut(
+                &model.views().surface?.faces(),
+                model.nodes().len(),
+            )),
         })
     }
 
@@ -78,11 +81,11 @@ impl Exterior {
         };
         let (mut sum, mut area, mut volume) = (Vector3::zeros(), 0.0, 0.0);
         for t in triangles {
-            let [a, b, c] = t.map(|n| self.nodes[n as usize]);
+            let [a, b, c] = self.corners(t);
             let doubled = (b - a).cross(&(c - a));
             sum += doubled;
             area += doubled.norm();
-            volume += (a - self.nodes[triangles[0][0] as usize]).dot(&doubled);
+            volume += (a - self.nodes[triangles[0].nodes[0] as usize].coords).dot(&doubled);
         }
         if sum.norm() <= CLOSED * area && volume > 0.0 {
             return Ok(());
@@ -96,19 +99,19 @@ impl Exterior {
 
     /// Mean size of the facets, or mean radius of the spheres \[m\].
     pub(super) fn size(&self) -> f64 {
+        let size = |t: &Triangle| {
+            let [a, b, c] = self.corners(t);
+            t.size(0.5 * (b - a).cross(&(c - a)).norm())
+        };
         let (sum, count) = match &self.kind {
-            Kind::Facets(triangles) => (
-                triangles.iter().map(|t| self.doubled_area(t).sqrt()).sum::<f64>(),
-                triangles.len(),
-            ),
+            Kind::Facets(triangles) => (triangles.iter().map(size).sum::<f64>(), triangles.len()),
             Kind::Spheres(radii) => (radii.iter().sum(), radii.len()),
         };
         sum / count.max(1) as f64
     }
 
-    fn doubled_area(&self, t: &[u32; 3]) -> f64 {
-        let [a, b, c] = t.map(|n| self.nodes[n as usize]);
-        (b - a).cross(&(c - a)).norm()
+    fn corners(&self, t: &Triangle) -> [Vector3<f64>; 3] {
+        t.places(|n| self.nodes[n as usize].coords)
     }
 
     /// Points that touch facets of `other`: the spheres, or points of the facets.
@@ -124,12 +127,13 @@ impl Exterior {
                     stiffness: 2.0 * r,
                     size: *r,
                     normal: Vector3::zeros(),
+                    facet: None,
                 };
                 Ok(radii.iter().enumerate().map(sphere).collect())
             }
             Kind::Facets(triangles) => {
-                let edge = |t: &[u32; 3]| {
-                    let [a, b, c] = t.map(|n| self.nodes[n as usize]);
+                let edge = |t: &Triangle| {
+                    let [a, b, c] = self.corners(t);
                     (b - a).norm().max((c - b).norm()).max((a - c).norm())
                 };
                 let longest = triangles.iter().map(edge).fold(0.0, f64::max);
@@ -144,12 +148,12 @@ impl Exterior {
 }
 
 /// Area of each node on some facets \[m²\]: the length of the sum of their projections on the axes.
-fn areas(nodes: &[Point3<f64>], facets: &[Facet]) -> Vec<f64> {
-    let mut sums = vec![Vector3::zeros(); nodes.len()];
+fn areas(nodes: usize, facets: &[Facet]) -> Vec<f64> {
+    let mut sums = vec![Vector3::zeros(); nodes];
     for f in facets {
-        let [a, b, c] = f.nodes.map(|n| nodes[n as usize]);
-        let share = (b - a).cross(&(c - a)).abs() / 6.0;
-        f.nodes.iter().for_each(|n| sums[*n as usize] += share);
+        let area = f.doubled.abs() * 0.5;
+        let whole = f.triangle.place([1.0 / 3.0; 3]);
+        whole.nodes().for_each(|(n, w)| sums[n] += area * w);
     }
     sums.iter().map(Vector3::norm).collect()
 }
@@ -189,14 +193,16 @@ impl Side {
             Kind::Spheres(_) => Vec::new(),
         };
         let of_points = points.iter().flat_map(|p| p.place.nodes().map(|n| n.0 as u32));
-        let mut nodes: Vec<u32> = of_points.chain(facets.iter().flat_map(|f| f.nodes)).collect();
+        let mut nodes: Vec<u32> = of_points
+            .chain(facets.iter().flat_map(|f| f.triangle.nodes))
+            .collect();
         nodes.sort_unstable();
         nodes.dedup();
         Ok(Self {
             turns: !own.has_facets(),
             rest: own.nodes.clone(),
             points,
-            area: areas(&own.nodes, &facets),
+            area: areas(own.nodes.len(), &facets),
             facets,
             nodes,
             share: Vec::new(),
@@ -238,7 +244,7 @@ impl Side {
         let is_tied = |n: usize| tied.get(n).copied().unwrap_or(false);
         self.points.retain(|p| !p.place.nodes().any(|(n, _)| is_tied(n)));
         self.facets
-            .retain(|f| !f.nodes.iter().any(|n| is_tied(*n as usize)));
+            .retain(|f| !f.triangle.nodes.iter().any(|n| is_tied(*n as usize)));
         Ok(())
     }
 

@@ -6,7 +6,7 @@
 //! one foot, so edges and corners are not counted twice, and the spring of the point goes with it from facet
 //! to facet.
 
-use super::place::Place;
+use super::place::{Place, Triangle};
 use crate::geometry::{Faces, closest_on_triangle};
 use nalgebra::{Point3, Vector3};
 
@@ -21,9 +21,10 @@ const EQUAL: f64 = 1e-9;
 /// A facet of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Facet {
-    /// Nodes, counter-clockwise from outside.
-    pub(super) nodes: [u32; 3],
-    /// Size \[m\]: the side of the square that has the area of two such triangles.
+    pub(super) triangle: Triangle,
+    /// Outward normal at rest, with the length of twice the area \[m²\].
+    pub(super) doubled: Vector3<f64>,
+    /// Size \[m\]: see [`Triangle::size`].
     pub(super) size: f64,
     /// Depth to which the facet holds points \[m\]: its size, or half of the body's thickness below it.
     pub(super) depth: f64,
@@ -37,6 +38,8 @@ pub(super) struct Foot {
     pub(super) distance: f64,
     /// Unit vector from the surface to the point, or outwards if the point is inside.
     pub(super) normal: Vector3<f64>,
+    /// Cosine of the angle by which the facet has turned since rest.
+    pub(super) turn: f64,
 }
 
 impl Foot {
@@ -46,23 +49,25 @@ impl Foot {
             place: Place::default(),
             distance: f64::INFINITY,
             normal: Vector3::zeros(),
+            turn: 1.0,
         }
     }
 }
 
 /// Facets of a surface that have an area.
-pub(super) fn facets(triangles: &[[u32; 3]], nodes: &[Point3<f64>]) -> Vec<Facet> {
-    let corners = |t: &[u32; 3]| t.map(|n| nodes[n as usize]);
-    let faces = Faces::new(triangles.iter().map(corners).collect());
-    let facet = |t: &[u32; 3]| {
-        let x = corners(t).map(|x| x.coords);
+pub(super) fn facets(triangles: &[Triangle], nodes: &[Point3<f64>]) -> Vec<Facet> {
+    let corners = |t: &Triangle| t.places(|n| nodes[n as usize].coords);
+    let faces = Faces::new(triangles.iter().map(|t| corners(t).map(Point3::from)).collect());
+    let facet = |t: &Triangle| {
+        let x = corners(t);
         let doubled = (x[1] - x[0]).cross(&(x[2] - x[0]));
         let area = doubled.norm();
         let normal = doubled / area;
-        let size = area.sqrt();
+        let size = t.size(0.5 * area);
         let centre = (x[0] + x[1] + x[2]) / 3.0;
         (area > 0.0).then(|| Facet {
-            nodes: *t,
+            triangle: *t,
+            doubled,
             size,
             depth: size.min(0.5 * thickness(&faces, &centre, &normal, 2.0 * size)),
         })
@@ -114,7 +119,7 @@ pub(super) fn foot<'a>(
 ) -> Foot {
     let (mut best, mut best_rank) = (Foot::none(), 0.0);
     for facet in facets {
-        let corners = facet.nodes.map(&place);
+        let corners = facet.triangle.places(&place);
         let doubled = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let Some(n) = doubled.try_normalize(0.0) else {
             continue;
@@ -151,12 +156,10 @@ pub(super) fn foot<'a>(
         if (equal && rank > best_rank) || (!equal && closer > 0.0) {
             best_rank = rank;
             best = Foot {
-                place: Place {
-                    nodes: facet.nodes,
-                    weights: weights(&x, &corners),
-                },
+                place: facet.triangle.place(weights(&x, &corners)),
                 distance,
                 normal,
+                turn: n.dot(&facet.doubled) / facet.doubled.norm(),
             };
         }
     }
@@ -178,8 +181,8 @@ fn weights(x: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> [f64; 3] {
 mod tests {
     use super::*;
 
-    /// Corners of the unit cube and its twelve facets.
-    fn cube() -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    /// Corners of the unit cube and its faces.
+    fn cube() -> (Vec<Point3<f64>>, Vec<[u32; 4]>) {
         let bit = |k: usize, c: usize| f64::from(u8::from(k >> c & 1 == 1));
         let nodes = (0..8)
             .map(|k| Point3::new(bit(k, 0), bit(k, 1), bit(k, 2)))
@@ -192,14 +195,22 @@ mod tests {
             [0, 4, 6, 2],
             [1, 3, 7, 5],
         ];
-        let split = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]);
-        (nodes, split.collect())
+        (nodes, quads.to_vec())
     }
 
     #[test]
     fn spheres_see_faces_edges_and_corners_from_outside_and_inside() {
-        let (nodes, triangles) = cube();
-        let facets = facets(&triangles, &nodes);
+        let (nodes, quads) = cube();
+        let halves: Vec<[u32; 4]> = quads
+            .iter()
+            .flat_map(|[a, b, c, d]| [[*a, *b, *c, *c], [*a, *c, *d, *d]])
+            .collect();
+        for faces in [halves, quads] {
+            see_a_cube(&nodes, &facets(&Triangle::cut(&faces, 8), &nodes));
+        }
+    }
+
+    fn see_a_cube(nodes: &[Point3<f64>], facets: &[Facet]) {
         assert!(
             facets.iter().all(|f| (f.depth - 0.5).abs() < 1e-14),
             "half of the thickness"

@@ -219,24 +219,42 @@ pub struct Spring {
     pub roll: Vector3<f64>,
     /// Energy \[J\] that the contact took in since touch and has not given back.
     pub budget: f64,
+    /// Largest change of the contact's speed in a step since touch by forces that were unknown when the
+    /// contact was computed \[m/s\].
+    pub unknown: f64,
 }
 
 impl Spring {
-    /// Returns `slide`, `roll` and the budget as numbers. The flag `closed` is saved separately.
+    /// Count of numbers that [`Self::numbers`] returns.
+    pub const NUMBERS: usize = 8;
+
+    /// Returns `slide`, `roll`, the budget and the unknown speed as numbers. The flag `closed` is saved
+    /// separately.
     #[must_use]
-    pub fn numbers(&self) -> [f64; 7] {
+    pub fn numbers(&self) -> [f64; Self::NUMBERS] {
         let (s, r) = (self.slide, self.roll);
-        [s.x, s.y, s.z, r.x, r.y, r.z, self.budget]
+        [s.x, s.y, s.z, r.x, r.y, r.z, self.budget, self.unknown]
     }
 
     /// Inverse of [`Self::numbers`].
     #[must_use]
-    pub fn from_numbers(closed: bool, x: [f64; 7]) -> Self {
+    pub fn from_numbers(closed: bool, x: [f64; Self::NUMBERS]) -> Self {
         Self {
             closed,
             slide: Vector3::new(x[0], x[1], x[2]),
             roll: Vector3::new(x[3], x[4], x[5]),
             budget: x[6],
+            unknown: x[7],
+        }
+    }
+
+    /// Corrects the budget for a change of the power `excess` \[W\] of the contact's force \[N\] in a step of
+    /// length `dt` \[s\], which forces caused that were unknown when the contact was computed. From now on
+    /// the contact holds back what as large a change could cost.
+    pub fn settle(&mut self, dt: f64, excess: f64, force: f64) {
+        self.budget -= 0.5 * dt * excess;
+        if force > 0.0 {
+            self.unknown = self.unknown.max(excess.abs() / force);
         }
     }
 }

@@ -34,9 +34,11 @@ mod solid;
 
 pub use between::SurfaceContact;
 pub use budget::{BudgetedLaw, End};
+pub use closed::LARGEST_TURN;
 pub use exterior::Exterior;
 pub use law::{ContactLaw, Pair, Response, Spring};
 pub use obstacle::SurfaceObstacle;
+pub(crate) use place::Triangle;
 pub use rigid::{RigidBody, SharedBody};
 pub use shape::{Motion, RigidShape};
 pub use solid::Solid;

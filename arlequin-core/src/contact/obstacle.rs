@@ -9,7 +9,7 @@
 //! on the number of threads. A step allocates nothing except where the list of near points grows.
 
 use super::closed::{Active, Closed};
-use super::place::Place;
+use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
 use super::{ContactLaw, End, Pair, RigidBody, SharedBody, Twist};
 use crate::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
@@ -81,10 +81,10 @@ impl SurfaceObstacle {
                 what: format!("touch obstacle '{name}', as it has no surface; name a solid or particles"),
             });
         };
-        let triangles = surface.triangles();
+        let triangles = Triangle::cut(&surface.faces(), model.nodes().len());
         let points = points::points(&object, &triangles, model.nodes(), 0.5 * rigid.shape().depth())?;
         let at_rest = |p: &SurfacePoint| rigid.shape().distance(&p.rest, &Vector3::zeros()).0.min(0.0);
-        let mut nodes: Vec<u32> = triangles.into_iter().flatten().collect();
+        let mut nodes: Vec<u32> = triangles.iter().flat_map(|t| t.nodes).collect();
         nodes.sort_unstable();
         nodes.dedup();
         let mean = points.iter().map(|p| p.size).sum::<f64>() / points.len().max(1) as f64;
@@ -152,16 +152,6 @@ impl Contacts {
         Err(invalid(&self.object, value, &rule))
     }
 
-    /// Corrects the budgets for forces in the last step that were unknown when contacts were computed.
-    fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
-        let [velocity, spin] = rigid.velocity();
-        let points = &self.points;
-        self.closed.settle(instant.dt, |a| {
-            let speed = points[a.point as usize].place.value(instant.v_half) - velocity;
-            a.force.dot(&speed) + a.torque.dot(&spin)
-        });
-    }
-
     /// Rebuilds the list of near points if it no longer holds.
     fn refresh(&mut self, rigid: &RigidBody, q: &[f64]) {
         let near = &mut self.near;
@@ -202,25 +192,18 @@ impl Contacts {
             let (distance, normal) = rigid.shape().distance(&x, &rigid.moved());
             let gap = self.allowed[k] - distance;
             if gap > 0.0 && self.weight[k] > 0.0 {
+                self.closed.turned(self.points[k].turn(instant.q));
                 self.close(k, gap, (distance, normal), rigid, instant, f);
             } else {
                 self.closed.open(k);
             }
         }
         self.closed.end(instant.dt);
-        if instant.dt > 0.0 {
-            let obstacle = rigid.end(instant).after;
-            for a in &mut self.closed.active {
-                let p = &self.points[a.point as usize];
-                let after = p
-                    .place
-                    .end(instant, &self.inverse_inertia, f, &self.own_forces)
-                    .after;
-                let speed = Vector3::from([0, 1, 2].map(|c: usize| after[c] - obstacle[c]));
-                let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
-                a.expected = a.force.dot(&speed) + a.torque.dot(&spin);
-            }
-        }
+        let (points, inverse, own) = (&self.points, &self.inverse_inertia, &self.own_forces);
+        self.closed.expect(|a| {
+            let place = &points[a.point as usize].place;
+            place.end(instant, inverse, f, own).power(&a.force, &a.torque)
+        });
         for a in &self.closed.active {
             for (n, _) in self.points[a.point as usize].place.nodes() {
                 // Taken, so that a node of several contacts gets the forces once.
@@ -284,7 +267,7 @@ impl Contacts {
             point: k as u32,
             foot: Place::default(),
             force: r.force,
-            torque: r.torque[0],
+            torque: Vector3::zeros(),
             stored: r.stored,
             expected: 0.0,
         });
@@ -324,7 +307,7 @@ impl Contacts {
                 }
             });
             // Both ends move: a mode's frequency is at most the sum of those of both.
-            square = 2.0 * square.max(stiffness * slide.max(1.0 / mass));
+            square = 2.0 * square.max(stiffness * slide.max(1.0 / mass) + rigid.spring_rate());
             rate *= 2.0;
         }
         if law.friction > 0.0 {
@@ -415,7 +398,7 @@ impl AnyEffect<f64> for Contacts {
 
     fn facts(&self) -> Vec<(String, f64)> {
         let mut out = self.body.lock().facts();
-        out.push(("contacts".into(), self.closed.active.len() as f64));
+        out.extend(self.closed.facts());
         out
     }
 }
@@ -437,7 +420,10 @@ impl Effect<f64> for Contacts {
         if !std::mem::replace(&mut self.checked, true) {
             self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.place.value(instant.q))?;
         }
-        self.settle_budgets(&rigid, instant);
+        // The motion of the body was known when contacts were computed.
+        let points = &self.points;
+        let power = |a: &Active| a.force.dot(&points[a.point as usize].place.value(instant.v_half));
+        self.closed.settle(instant.dt, power);
         self.refresh(&rigid, instant.q);
         self.respond(&mut rigid, instant, f);
         rigid.finish(self.share, instant);

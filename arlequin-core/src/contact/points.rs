@@ -6,7 +6,7 @@
 //! motion is that of the linear facet, and its force goes to the facet's nodes with the same weights, so
 //! forces and moments about the present places are kept.
 
-use super::place::Place;
+use super::place::{Place, Triangle};
 use crate::Result;
 use crate::error::invalid;
 use nalgebra::{Point3, Vector3};
@@ -33,6 +33,26 @@ pub(super) struct SurfacePoint {
     pub(super) size: f64,
     /// Sum of the outward normals of the facets around it times its area on each \[m²\]; zero for spheres.
     pub(super) normal: Vector3<f64>,
+    /// A facet on which it lies: nodes and their places at rest \[m\]; none for spheres.
+    pub(super) facet: Option<(Triangle, [Vector3<f64>; 4])>,
+}
+
+impl SurfacePoint {
+    /// Cosine of the angle by which the facet of the point has turned since rest, in the displacements `q`.
+    pub(super) fn turn(&self, q: &[f64]) -> f64 {
+        let Some((triangle, rest)) = &self.facet else {
+            return 1.0;
+        };
+        let doubled = |x: [Vector3<f64>; 3]| (x[1] - x[0]).cross(&(x[2] - x[0]));
+        let place = |n: u32| rest[triangle.nodes.iter().position(|m| *m == n).unwrap_or_default()];
+        let moved = |n: u32| {
+            let o = 3 * n as usize;
+            place(n) + Vector3::new(q[o], q[o + 1], q[o + 2])
+        };
+        let [then, now] = [doubled(triangle.places(place)), doubled(triangle.places(moved))];
+        let size = then.norm() * now.norm();
+        if size > 0.0 { then.dot(&now) / size } else { 1.0 }
+    }
 }
 
 /// Corner of a division of a facet: two or three nodes with their numerators, and the denominator.
@@ -45,14 +65,15 @@ type Key = (Vec<(u32, usize)>, usize);
 /// the obstacle and the model.
 pub(super) fn points(
     object: &str,
-    triangles: &[[u32; 3]],
+    triangles: &[Triangle],
     nodes: &[Point3<f64>],
     spacing: f64,
 ) -> Result<Vec<SurfacePoint>> {
-    let mut at_nodes: BTreeMap<u32, SurfacePoint> = BTreeMap::new();
+    // By numbers of corners: nodes come before the centres of faces.
+    let mut at_corners: BTreeMap<u32, SurfacePoint> = BTreeMap::new();
     let mut between: BTreeMap<Key, SurfacePoint> = BTreeMap::new();
     for t in triangles {
-        let x = t.map(|n| nodes[n as usize].coords);
+        let x = t.places(|n| nodes[n as usize].coords);
         let edges = [x[1] - x[0], x[2] - x[1], x[0] - x[2]].map(|e| e.norm());
         let longest = edges.iter().copied().fold(0.0, f64::max);
         let count = (longest / spacing).ceil().max(1.0);
@@ -70,8 +91,7 @@ pub(super) fn points(
         let n = count as usize;
         let doubled = (x[1] - x[0]).cross(&(x[2] - x[0]));
         let area = 0.5 * doubled.norm();
-        // Side of the square that has the area of two such triangles.
-        let size = (2.0 * area).sqrt();
+        let size = t.size(area);
         let small = area / (n * n) as f64;
         for i in 0..=n {
             for j in 0..=n - i {
@@ -81,22 +101,31 @@ pub(super) fn points(
                 // A lattice point has six triangles around it, three at an edge, one at a corner.
                 let corners = [6.0, 3.0, 1.0][zero];
                 let share = small / 3.0 * corners;
-                let mut ends: Vec<(u32, usize)> = t.iter().copied().zip(parts).filter(|e| e.1 > 0).collect();
+                let mut ends: Vec<(u32, usize)> =
+                    t.corners.iter().copied().zip(parts).filter(|e| e.1 > 0).collect();
                 ends.sort_unstable();
                 let fresh = SurfacePoint {
-                    place: Place { nodes: *t, weights },
+                    place: t.place(weights),
                     rest: Point3::from(x[0] * weights[0] + x[1] * weights[1] + x[2] * weights[2]),
                     area: 0.0,
                     stiffness: 0.0,
                     size,
                     normal: Vector3::zeros(),
+                    facet: Some((*t, t.nodes.map(|n| nodes[n as usize].coords))),
                 };
                 let point = match ends[..] {
-                    [(node, _)] => at_nodes.entry(node).or_insert(SurfacePoint {
-                        place: Place::node(node),
-                        rest: nodes[node as usize],
-                        ..fresh
-                    }),
+                    [(corner, _)] => {
+                        at_corners
+                            .entry(corner)
+                            .or_insert_with(|| match nodes.get(corner as usize) {
+                                Some(x) => SurfacePoint {
+                                    place: Place::node(corner),
+                                    rest: *x,
+                                    ..fresh
+                                },
+                                None => fresh,
+                            })
+                    }
                     _ => between.entry((ends, n)).or_insert(fresh),
                 };
                 point.area += share;
@@ -106,7 +135,7 @@ pub(super) fn points(
             }
         }
     }
-    let points = at_nodes.into_values().chain(between.into_values());
+    let points = at_corners.into_values().chain(between.into_values());
     // Triangles without area have no stiffness, and their points lie in those of neighbours.
     Ok(points
         .filter(|p| p.area > 0.0 && p.stiffness.is_finite())
@@ -121,14 +150,33 @@ mod tests {
     #[test]
     fn points_of_a_square_share_its_area() {
         let nodes = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0));
-        let triangles = [[0, 1, 2], [0, 2, 3]];
-        for (spacing, count) in [(f64::INFINITY, 4), (0.75, 9), (0.36, 25)] {
-            let points = points("test", &triangles, &nodes, spacing).unwrap();
+        let triangles = Triangle::cut(&[[0, 1, 2, 2], [0, 2, 3, 3]], 4);
+        let quarters = Triangle::cut(&[[0, 1, 2, 3]], 4);
+        for (triangles, spacing, count) in [
+            (&triangles, f64::INFINITY, 4),
+            (&triangles, 0.75, 9),
+            (&triangles, 0.36, 25),
+            (&quarters, f64::INFINITY, 5),
+            (&quarters, 0.51, 13),
+        ] {
+            let points = points("test", triangles, &nodes, spacing).unwrap();
             assert_eq!(points.len(), count);
             let area: f64 = points.iter().map(|p| p.area).sum();
             assert!((area - 1.0).abs() < 1e-14);
             let moment: Vector3<f64> = points.iter().map(|p| p.rest.coords * p.area).sum();
             assert!((moment - Vector3::new(0.5, 0.5, 0.0)).norm() < 1e-14);
+            // Shares of a uniform pressure: each node of a quadrilateral gets a quarter.
+            let mut shares = [0.0; 4];
+            for p in &points {
+                p.place.nodes().for_each(|(n, w)| shares[n] += w * p.area);
+            }
+            let expected = if triangles.len() == 4 {
+                [0.25; 4]
+            } else {
+                [1.0 / 3.0, 1.0 / 6.0, 1.0 / 3.0, 1.0 / 6.0]
+            };
+            let same = shares.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14);
+            assert!(same, "{shares:?}");
         }
         let error = points("the block", &triangles, &nodes, 1e-3)
             .unwrap_err()

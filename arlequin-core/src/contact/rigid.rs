@@ -2,10 +2,13 @@
 //!
 //! A free body moves by velocity Verlet like the nodes of all models. A free ball also turns, by the moment
 //! of friction about its centre. Several models may touch one free body ([`SharedBody`]): it moves under the
-//! sum of their forces, so they must make steps of the same length.
+//! sum of their forces, so they must make steps of the same length. A spring may hold it to its place.
 //!
 //! The energy that the body gives to a model and the springs of its contacts is its `supplied` energy: the
-//! work of its drive, or a part of its own kinetic energy.
+//! work of its drive, or a part of its own kinetic energy. The models take the body one after the other: the
+//! forces `F_1, F_2, ...` of an instant give it `dt F_k.(v_- + dt/m (W + F_1 + ... + F_(k-1) + F_k/2))`, with
+//! the fields `W`. These works sum to the change of its kinetic energy, and each is known when its model is
+//! computed, so the budgets of no model need the forces of those that come later.
 
 use super::{End, Motion, RigidShape, positive};
 use crate::effect::{Instant, RigidMotion};
@@ -20,7 +23,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 struct Share {
     /// True once the model has been computed at the present instant.
     called: bool,
-    /// Force \[N\] and torque \[N m\] of the model on the body.
+    /// Force \[N\] and torque \[N m\] of the model on the body at this instant.
     force: Vector3<f64>,
     torque: Vector3<f64>,
     /// Energy given to the model \[J\]; the half that belongs to the half step still to come.
@@ -43,18 +46,17 @@ pub struct RigidBody {
     moved: Vector3<f64>,
     velocity: Vector3<f64>,
     spin: Vector3<f64>,
-    /// Force \[N\] and torque \[N m\] of all models on the body, and the force of the fields \[N\].
+    /// Stiffness of the spring that holds a free body to its place \[N/m\].
+    spring: f64,
+    /// Force \[N\] and torque \[N m\] of the models so far on the body, and the force of fields and spring
+    /// \[N\].
     reaction: Vector3<f64>,
     torque: Vector3<f64>,
     weight: Vector3<f64>,
-    /// Work of the fields since the first step \[J\].
-    fallen: f64,
-    first_energy: f64,
     /// Largest force \[N\].
     peak: f64,
-    /// Displacement in the last step \[m\] and its length \[s\].
+    /// Displacement in the last step \[m\].
     way: Vector3<f64>,
-    dt: f64,
     shares: Vec<Share>,
 }
 
@@ -90,7 +92,7 @@ impl SharedBody {
 
 impl RigidBody {
     /// Count of numbers that [`Self::save`] writes.
-    pub const NUMBERS: usize = 30;
+    pub const NUMBERS: usize = 27;
 
     /// Makes a body. The name appears in reports and errors.
     ///
@@ -114,11 +116,9 @@ impl RigidBody {
             reaction: Vector3::zeros(),
             torque: Vector3::zeros(),
             weight: Vector3::zeros(),
-            fallen: 0.0,
-            first_energy: 0.0,
+            spring: 0.0,
             peak: 0.0,
             way: Vector3::zeros(),
-            dt: 0.0,
             shares: Vec::new(),
         })
     }
@@ -138,6 +138,33 @@ impl RigidBody {
         }
         self.spin = spin;
         Ok(())
+    }
+
+    /// Holds a free body to its initial position by a spring of this stiffness \[N/m\] in all directions.
+    ///
+    /// # Errors
+    /// [`crate::Error::InvalidParameter`] for a body that is not free, and for a stiffness that is not
+    /// positive.
+    pub fn set_spring(&mut self, stiffness: f64) -> Result<()> {
+        positive("spring of an obstacle", stiffness)?;
+        if self.mass().is_none() {
+            let rule = "must be left out, or give the obstacle a mass";
+            return Err(invalid("spring of an obstacle without a mass", stiffness, rule));
+        }
+        self.spring = stiffness;
+        Ok(())
+    }
+
+    /// Returns the square of the frequency of a free body on its spring \[1/s²\]; zero without a spring.
+    #[must_use]
+    pub fn spring_rate(&self) -> f64 {
+        self.mass().map_or(0.0, |mass| self.spring / mass)
+    }
+
+    /// Returns whether several models touch the body.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.shares.len() > 1
     }
 
     /// Adds a field of acceleration `field time(t)` \[m/s²\], for example gravity, in which a free body
@@ -229,7 +256,7 @@ impl RigidBody {
 
     /// Moves the body to a new instant.
     fn advance(&mut self, instant: &Instant<'_, f64>) {
-        let (before, motion_before) = (self.moved, [self.velocity, self.spin]);
+        let before = self.moved;
         match &self.motion {
             Motion::Free { mass, .. } => {
                 if instant.dt > 0.0 {
@@ -242,9 +269,6 @@ impl RigidBody {
                     };
                     self.velocity += (self.reaction + self.weight) * (kick / mass);
                     self.spin += self.torque * (kick * self.inverse_inertia()[1]);
-                    if !self.started {
-                        self.first_energy = self.kinetic(*mass, &self.velocity, &self.spin);
-                    }
                     self.moved += self.velocity * instant.dt;
                     self.started = true;
                 }
@@ -258,16 +282,9 @@ impl RigidBody {
             }
         }
         self.way = self.moved - before;
-        let motion = [self.velocity, self.spin];
-        if self.shares.len() > 1 {
-            for s in &mut self.shares {
-                s.supplied += s.work(motion_before, motion, self.dt);
-            }
-        }
         self.shares.iter_mut().for_each(|s| s.called = false);
-        self.dt = instant.dt;
         (self.reaction, self.torque) = (Vector3::zeros(), Vector3::zeros());
-        self.weight = self.weight_at(instant.time);
+        self.weight = self.weight_at(instant.time) - self.moved * self.spring;
     }
 
     /// Adds a force \[N\] and a torque \[N m\] of model `share` on the body.
@@ -283,49 +300,36 @@ impl RigidBody {
         if self.shares.iter().all(|s| s.called) {
             self.peak = self.peak.max(self.reaction.norm());
         }
-        // The velocity after this instant is known to a single model only; of several, the works are added
-        // when it is.
-        if instant.dt <= 0.0 || self.shares.len() > 1 {
+        if instant.dt <= 0.0 {
             return;
         }
-        match &self.motion {
-            Motion::Free { mass, .. } => {
-                let [next, spin] = self.next(instant.dt);
-                let after = self.kinetic(*mass, &next, &spin);
-                // Energy that the fields gave to the body was not lost to the models.
-                let fallen = 0.5 * instant.dt * self.weight.dot(&(self.velocity + next));
-                self.fallen += fallen;
-                let before = self.kinetic(*mass, &self.velocity, &self.spin);
-                self.shares[share].supplied = self.first_energy + self.fallen - after;
-                self.shares[share].pending = 0.5 * (before + fallen - after);
+        let Share { force, torque, .. } = self.shares[share];
+        let [way, turn] = match &self.motion {
+            Motion::Free { .. } => {
+                // Mean of the velocities before and after the forces of this model.
+                let [inverse_mass, inverse_moment] = self.inverse_inertia();
+                let [velocity, spin] = self.next(instant.dt);
+                let half = 0.5 * instant.dt;
+                [
+                    (velocity - force * (half * inverse_mass)) * instant.dt,
+                    (spin - torque * (half * inverse_moment)) * instant.dt,
+                ]
             }
             driven => {
                 // The force of this instant works on the mean of the two velocities around it.
                 let next = driven.displacement(instant.time + instant.dt) - self.moved;
-                let mean = (self.velocity * instant.dt + next) * 0.5;
-                let work = -self.reaction.dot(&mean);
-                self.shares[share].supplied += work;
-                self.shares[share].pending = 0.5 * work;
+                [(self.velocity * instant.dt + next) * 0.5, Vector3::zeros()]
             }
-        }
+        };
+        let work = -(force.dot(&way) + torque.dot(&turn));
+        self.shares[share].supplied += work;
+        self.shares[share].pending = 0.5 * work;
     }
 
     /// Energy \[J\] given to model `share` and its contacts up to this instant.
     #[must_use]
     pub fn supplied(&self, share: usize) -> f64 {
-        let s = &self.shares[share];
-        if self.shares.len() == 1 {
-            return s.supplied - s.pending;
-        }
-        let after = self.next(self.dt);
-        s.supplied + 0.5 * s.work([self.velocity, self.spin], after, self.dt)
-    }
-
-    fn kinetic(&self, mass: f64, velocity: &Vector3<f64>, spin: &Vector3<f64>) -> f64 {
-        let turning = self
-            .turning
-            .map_or(0.0, |(_, inertia)| inertia * spin.norm_squared());
-        0.5 * (mass * velocity.norm_squared() + turning)
+        self.shares[share].supplied - self.shares[share].pending
     }
 
     /// Inverse mass (zero for a driven body) and inverse moment of inertia (zero if it does not rotate).
@@ -349,15 +353,9 @@ impl RigidBody {
     /// Velocity and angular velocity of a free body half a step from now, under the contacts computed so far.
     fn next(&self, dt: f64) -> [Vector3<f64>; 2] {
         let [inverse_mass, inverse_moment] = self.inverse_inertia();
-        let (mut force, mut torque) = (self.reaction + self.weight, self.torque);
-        // Forces of models whose turn is still to come are taken from the instant before.
-        for s in self.shares.iter().filter(|s| !s.called) {
-            force += s.force;
-            torque += s.torque;
-        }
         [
-            self.velocity + force * (dt * inverse_mass),
-            self.spin + torque * (dt * inverse_moment),
+            self.velocity + (self.reaction + self.weight) * (dt * inverse_mass),
+            self.spin + self.torque * (dt * inverse_moment),
         ]
     }
 
@@ -419,14 +417,7 @@ impl RigidBody {
             own.torque,
         ];
         out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
-        out.numbers.extend([
-            own.supplied,
-            own.pending,
-            self.first_energy,
-            self.peak,
-            self.fallen,
-            self.dt,
-        ]);
+        out.numbers.extend([own.supplied, own.pending, self.peak]);
     }
 
     /// Restores what [`Self::save`] wrote.
@@ -438,16 +429,6 @@ impl RigidBody {
         let own = &mut self.shares[share];
         (own.called, own.force, own.torque) = (true, three(18), three(21));
         (own.supplied, own.pending) = (numbers[24], numbers[25]);
-        [self.first_energy, self.peak, self.fallen, self.dt] =
-            [numbers[26], numbers[27], numbers[28], numbers[29]];
-    }
-}
-
-impl Share {
-    /// Work \[J\] on the model in a step around an instant, with the velocities of the body before and after
-    /// the instant.
-    fn work(&self, before: [Vector3<f64>; 2], after: [Vector3<f64>; 2], dt: f64) -> f64 {
-        let [way, turn] = [0, 1].map(|k: usize| (before[k] + after[k]) * (0.5 * dt));
-        -(self.force.dot(&way) + self.torque.dot(&turn))
+        self.peak = numbers[26];
     }
 }

@@ -115,8 +115,8 @@ impl Near {
             return;
         }
         let around = |f: &Facet| {
-            let corners = f.nodes.map(|n| Point3::from(other.position(n, q[1 - s])));
-            let [low, high] = bounds_of(corners.iter());
+            let corners = f.triangle.places(|n| other.position(n, q[1 - s]));
+            let [low, high] = bounds_of(corners.map(Point3::from).iter());
             let margin = Vector3::repeat(self.skin + f.depth);
             [low - margin, high + margin]
         };

@@ -10,6 +10,7 @@ mod bulk_viscosity;
 mod law;
 mod load;
 mod pair;
+mod pressure;
 mod simple;
 
 pub use crate::model::Finding;
@@ -20,6 +21,7 @@ pub use bulk_viscosity::BulkViscosity;
 pub use law::ForceLaw;
 pub use load::{Load, SurfaceFacet};
 pub use pair::{HostPair, PairEffect, PairEffectSpec, PairSpec};
+pub use pressure::FollowingPressure;
 pub use simple::*;
 
 use crate::model::{Arms, DofLayout, Model};

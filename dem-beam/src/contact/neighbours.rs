@@ -11,6 +11,9 @@ use arlequin_core::snapshot::Record;
 use rayon::prelude::*;
 use std::sync::Arc;
 
+/// Number of values of a pair in a record: its rest distance and its spring.
+const PAIR: usize = 1 + Spring::NUMBERS;
+
 /// Particles per unit of parallel work.
 const CHUNK: usize = 512;
 
@@ -260,23 +263,22 @@ impl Listed {
         if ends.len() != 3usize.checked_mul(pairs)? {
             return None;
         }
-        let (springs, remaining) = numbers.split_at_checked(8usize.checked_mul(pairs)?)?;
+        let (springs, remaining) = numbers.split_at_checked(PAIR.checked_mul(pairs)?)?;
         let (spheres, remaining) = remaining.split_at_checked(4 * built)?;
         self.searches = searches as usize;
         self.watch.reset();
         self.pairs.clear();
         self.springs.clear();
         let (ends, _) = ends.as_chunks::<3>();
-        for (&[i, j, closed], &[rest_distance, a, b, c, d, e, f, g]) in
-            ends.iter().zip(springs.as_chunks::<8>().0)
+        for (&[i, j, closed], &[rest_distance, ref spring @ ..]) in
+            ends.iter().zip(springs.as_chunks::<PAIR>().0)
         {
             if i >= counts[0] as u64 || j >= counts[1] as u64 {
                 return None;
             }
             let ends = [i as u32, j as u32];
             self.pairs.push(Candidate { ends, rest_distance });
-            self.springs
-                .push(Spring::from_numbers(closed == 1, [a, b, c, d, e, f, g]));
+            self.springs.push(Spring::from_numbers(closed == 1, *spring));
         }
         self.built = spheres.as_chunks::<4>().0.to_vec();
         Some(remaining)

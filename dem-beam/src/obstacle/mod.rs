@@ -42,11 +42,8 @@ struct Active {
     force: Vector3<f64>,
     /// Generalised torque on the particle \[N m\].
     torque: Vector3<f64>,
-    /// Torque on the obstacle if it rotates \[N m\].
-    back: Vector3<f64>,
     stored: f64,
-    /// Power on the velocities of particle and obstacle after the step, from the forces that were known
-    /// \[W\].
+    /// Power on the velocity of the particle after the step, from the forces that were known \[W\].
     expected: f64,
 }
 
@@ -171,15 +168,17 @@ impl Body {
         Ok(())
     }
 
-    /// Corrects the budgets for the work of forces and motions in the last step that were unknown when
-    /// contacts were computed.
+    /// Corrects the budgets for the work of forces in the last step that were unknown when contacts were
+    /// computed. The motion of the obstacle was known.
     fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
-        let [velocity, spin] = rigid.velocity();
         for a in &self.active {
             let i = a.particle as usize;
-            let obstacle_power = a.back.dot(&spin) - a.force.dot(&velocity);
-            let power = contact::power(instant.v_half, i, &a.force, &a.torque) + obstacle_power;
-            self.springs[i].budget -= 0.5 * instant.dt * (power - a.expected);
+            let excess = contact::power(instant.v_half, i, &a.force, &a.torque) - a.expected;
+            if rigid.is_shared() && self.law.begun {
+                self.springs[i].settle(instant.dt, excess, a.force.norm());
+            } else {
+                self.springs[i].budget -= 0.5 * instant.dt * excess;
+            }
         }
     }
 
@@ -259,13 +258,11 @@ impl Body {
         self.law.end(instant.dt);
         self.backwards = !self.backwards;
         if instant.dt > 0.0 {
-            let obstacle = rigid.end(instant).after;
             for a in &mut self.active {
-                let after = self.grains.end(instant, f, a.particle as usize).after;
-                let rate = Vector3::new(after[3], after[4], after[5]);
-                let approach = [0, 1, 2].map(|c| after[c] - obstacle[c]);
-                let spin = Vector3::new(obstacle[3], obstacle[4], obstacle[5]);
-                a.expected = a.force.dot(&Vector3::from(approach)) + a.torque.dot(&rate) + a.back.dot(&spin);
+                a.expected = self
+                    .grains
+                    .end(instant, f, a.particle as usize)
+                    .power(&a.force, &a.torque);
             }
         }
         for a in &self.active {
@@ -287,7 +284,6 @@ impl Body {
             particle: i as u32,
             force: r.force,
             torque: r.torque[1],
-            back: r.torque[0],
             stored: r.stored,
             expected: 0.0,
         });
@@ -400,7 +396,7 @@ impl Effect<f64> for Body {
         }
         let [stiffness, damping] = self.law.law.demand(top);
         StepDemand {
-            stiffness,
+            stiffness: stiffness + 2.0 * rigid.spring_rate(),
             damping,
             ..StepDemand::none()
         }

@@ -9,6 +9,10 @@ use nalgebra::Vector3;
 
 /// Number of values in a record that precede springs and closed contacts.
 const BALANCE: usize = RigidBody::NUMBERS + 1;
+/// Number of values of a closed contact.
+const PUSH: usize = 8;
+/// Number of values of a spring.
+const SPRING: usize = Spring::NUMBERS;
 
 impl Body {
     /// Writes the state. Integers: flags (started, a step was made, order of the next step reversed), the
@@ -28,7 +32,7 @@ impl Body {
             let gathered = self.partition.as_ref().map(|c| &c.gathered);
             let particle = gathered.map_or(a.particle, |c| c.ids[a.particle as usize]);
             out.integers.push(u64::from(particle));
-            let vectors = [a.force, a.torque, a.back];
+            let vectors = [a.force, a.torque];
             out.numbers.extend(vectors.iter().flat_map(|v| v.iter()));
             out.numbers.extend([a.stored, a.expected]);
         }
@@ -41,7 +45,7 @@ impl Body {
         let pushes = from.integers.len().saturating_sub(3 + n);
         from.expect(
             &format!("obstacle '{}'", self.name),
-            BALANCE + 7 * n + 11 * pushes,
+            BALANCE + SPRING * n + PUSH * pushes,
             3 + n + pushes,
         )?;
         if let Some(motion) = from.numbers.first_chunk() {
@@ -49,24 +53,23 @@ impl Body {
         }
         [self.law.begun, self.backwards] = [1, 2].map(|k: usize| from.integers[k] == 1);
         self.law.supplied = from.numbers[RigidBody::NUMBERS];
-        let (springs, pushed) = from.numbers[BALANCE..].split_at(7 * n);
+        let (springs, pushed) = from.numbers[BALANCE..].split_at(SPRING * n);
         let (closed, particles) = from.integers[3..].split_at(n);
-        let saved = closed.iter().zip(springs.as_chunks::<7>().0);
+        let saved = closed.iter().zip(springs.as_chunks::<SPRING>().0);
         self.springs = saved
             .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
             .collect();
         self.active.clear();
-        for (particle, x) in particles.iter().zip(pushed.as_chunks::<11>().0) {
+        for (particle, x) in particles.iter().zip(pushed.as_chunks::<PUSH>().0) {
             if *particle >= n as u64 {
-                return from.expect(&format!("obstacle '{}'", self.name), BALANCE + 7 * n, 3 + n);
+                return from.expect(&format!("obstacle '{}'", self.name), BALANCE + SPRING * n, 3 + n);
             }
             self.active.push(Active {
                 particle: *particle as u32,
                 force: Vector3::new(x[0], x[1], x[2]),
                 torque: Vector3::new(x[3], x[4], x[5]),
-                back: Vector3::new(x[6], x[7], x[8]),
-                stored: x[9],
-                expected: x[10],
+                stored: x[6],
+                expected: x[7],
             });
         }
         self.near.clear();

@@ -3,14 +3,17 @@
 
 use crate::support::continua::{Falling, bits, evaluated, unknowns};
 use crate::support::{Results, WAIT, first, same_on, shared};
+use arlequin_core::contact::{
+    ContactLaw, Exterior, Motion, RigidBody, RigidShape, SharedBody, SurfaceContact, SurfaceObstacle,
+};
 use arlequin_core::effect::{
-    BodyForce, EffectSpec, Load, LocalDamping, MassDamping, Prestress, StiffnessDamping,
+    BodyForce, EffectSpec, Load, LocalDamping, MassDamping, PairSpec, Prestress, StiffnessDamping,
 };
 use arlequin_core::nalgebra::{Point3, Vector3};
 use arlequin_core::ranks::{Communicator, RankError};
 use arlequin_core::{
-    Coupled, Elastic, Error, Guard, Materials, Model, Partition, PrescribedMotion, Real, Recovery, Silent,
-    Subdomain, TimeFunction, TimeStep, Uniform, Weights, conformance,
+    Coupled, Elastic, Error, Guard, Materials, Model, Partition, Parts, PrescribedMotion, Real, Recovery,
+    Silent, Subdomain, TimeFunction, TimeStep, Uniform, Weights, conformance,
 };
 use arlequin_mpi::threads;
 use fem_ref::{ElementKind, FemModel, generate, gmsh};
@@ -330,6 +333,51 @@ fn what_cannot_be_shared_out_is_refused_by_name_on_every_rank() {
         assert_eq!(
             e.unwrap(),
             Error::Rank(RankError::TooMany { ranks, nodes, units })
+        );
+    }
+}
+
+/// Contact needs the whole surface on every rank, and says so by name.
+#[test]
+fn a_body_in_parts_has_no_contact_of_its_surface() {
+    let law = ContactLaw::elastic(75e9);
+    let refused = threads::run(2, 1, WAIT, |c| {
+        let floor = RigidShape::Plane {
+            point: Point3::new(0.0, 0.0, -1e-3),
+            normal: Vector3::z(),
+        };
+        let floor = RigidBody::new("floor", floor, Motion::Fixed).unwrap();
+        let obstacle = SurfaceObstacle::new(&body("tets"), &SharedBody::new(floor), law).unwrap();
+        let [one, two] = ["tets", "box"].map(|kind| Exterior::surface(&body(kind)).unwrap());
+        let pair = SurfaceContact::new(&one, &two, law).unwrap();
+        let side = |kind: &str| {
+            let side = Subdomain::coarse(body(kind), Weights::uncoupled());
+            shared(side.with_partition(Partition::Unchecked), Some(c.clone()))
+        };
+        let alone = side("tets").with_effect(Box::new(obstacle));
+        let alone = Coupled::new(vec![alone], Vec::new(), TimeStep::Fraction(0.5), None);
+        let parts = Parts {
+            start: 0.0,
+            end: None,
+            subdomains: vec![side("tets"), side("box")],
+            interfaces: Vec::new(),
+            pairs: vec![PairSpec {
+                sides: [0, 1],
+                effect: Box::new(pair),
+            }],
+        };
+        let two = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None);
+        [alone.unwrap_err().to_string(), two.unwrap_err().to_string()]
+    });
+    for errors in refused {
+        let [obstacle, pair] = errors.unwrap();
+        assert!(
+            obstacle.contains("'floor'") && obstacle.contains("leave it whole"),
+            "{obstacle}"
+        );
+        assert!(
+            pair.contains("'body'") && pair.contains("in parts on 2 ranks"),
+            "{pair}"
         );
     }
 }

@@ -10,6 +10,7 @@ use crate::output::summary::{
 use crate::setup::packing::PackingLine;
 use crate::setup::{ParticlesWithoutContact, ProbeReader};
 use crate::spectrum;
+use arlequin::core::contact::LARGEST_TURN;
 use arlequin::core::effect::EffectLine;
 use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
 use std::collections::BTreeMap;
@@ -128,7 +129,24 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
     };
     let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
     let warnings = run.warnings().iter().map(ToString::to_string);
-    model_findings.map(text).chain(warnings).collect()
+    let turned = run.effects().into_iter().filter_map(|e| turned(&e));
+    model_findings.map(text).chain(turned).chain(warnings).collect()
+}
+
+/// Turn of a surface in contact \[rad\] above which a run says so; a linear model strains by half of its
+/// square.
+const LARGE_TURN: f64 = 0.1;
+
+/// Returns a warning if a surface has turned further where it touches than a linear model bears.
+fn turned(line: &EffectLine<f64>) -> Option<String> {
+    let (name, angle) = line.facts.iter().find(|f| f.0 == LARGEST_TURN)?;
+    (*angle > LARGE_TURN).then(|| {
+        format!(
+            "effect '{}': {name} {angle:.2} where it touches, above {LARGE_TURN}; elements are linear, and strain by {:.1} % when they              turn so far: compare with particles, which turn freely with dem.finite_rotations = true",
+            line.name,
+            50.0 * angle * angle
+        )
+    })
 }
 
 /// Returns the momentum of each body of a run.

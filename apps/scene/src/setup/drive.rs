@@ -54,7 +54,7 @@ impl Attachments {
             let m = model_index(&format!("{path}.model"), &l.model, scene)?;
             let name = load::name(k, l);
             if loaded_parts(scene, m).len() == 1 {
-                out.add(m, Box::new(load::on_body(&path, &name, l, &bodies[m])?));
+                out.add(m, load::build(&path, &name, l, &bodies[m])?);
                 continue;
             }
             for (m, load_part) in shared::loads(k, m, scene, bodies, joints, folder)? {

@@ -1,6 +1,7 @@
 //! Loads: tractions on the surface of a model, or forces on the nodes of a model without a surface.
 
 use super::body::Body;
+use super::drive::Chosen;
 use super::faces::Faces;
 use super::kinds::kind;
 use super::skin::{self, Skin};
@@ -17,6 +18,10 @@ use arlequin::dem_beam::TOUCH;
 
 /// Longest edge of the facets of spheres under a profile, in mean diameters.
 const PROFILE: f64 = 0.5;
+
+/// Relative difference between the area of a loaded surface and that of its faces that counts as none; faces
+/// of hexahedra may be warped.
+const SAME_AREA: f64 = 1e-3;
 
 /// Name of load `k` in the ledger.
 pub(super) fn name(k: usize, l: &Load) -> String {
@@ -49,6 +54,11 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
         // Read to be checked before anything is packed.
         let _ = formula::profile(&path, text)?;
     }
+    if l.follow && (l.pressure.is_none() || l.profile.is_some()) {
+        let rule =
+            "lets a uniform pressure turn with the surface; give a pressure without profile, or remove it";
+        return Err(key(format!("{path}.follow"), rule));
+    }
     Ok(())
 }
 
@@ -64,9 +74,27 @@ fn no_surface(path: &str, model: &str) -> Error {
     key(path, format!("model '{model}' has no surface; give a force [N]"))
 }
 
-/// Builds a load on one model.
-pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
+/// Builds a load on one model, fixed or following.
+pub(super) fn build(path: &str, name: &str, l: &Load, body: &Body) -> Result<Chosen> {
     check(path, l)?;
+    match l.pressure {
+        Some(p) if l.follow => following(path, name, p, l, body),
+        _ => Ok(Box::new(fixed(path, name, l, body)?)),
+    }
+}
+
+/// Refuses a load that follows on a body that shares it with its zones.
+pub(super) fn check_fixed(path: &str, l: &Load) -> Result<()> {
+    check(path, l)?;
+    if l.follow {
+        let rule = "acts on a model of its own, not on a body with zones; name a model, or remove it";
+        return Err(key(format!("{path}.follow"), rule));
+    }
+    Ok(())
+}
+
+/// Builds a load on one model that keeps the surface as it is at rest.
+pub(super) fn fixed(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
     let time = time_function(&format!("{path}.time"), &l.time)?;
     let key_path = format!("{path}.where");
     let Some(facets) = select::facets(&key_path, body, &l.at)? else {
@@ -77,6 +105,46 @@ pub(super) fn on_body(path: &str, name: &str, l: &Load, body: &Body) -> Result<e
     };
     let field = traction(path, l, &facets)?;
     effect::Load::traction(name, facets, &*field, time).map_err(core(path))
+}
+
+/// Builds a pressure that turns with the surface. It acts on the faces whose nodes are those of selected
+/// facets.
+fn following(path: &str, name: &str, pressure: f64, l: &Load, body: &Body) -> Result<Chosen> {
+    let time = time_function(&format!("{path}.time"), &l.time)?;
+    let facets = select::facets(&format!("{path}.where"), body, &l.at)?;
+    let (Some(facets), Some(surface)) = (facets, body.model.views().surface) else {
+        let rule = format!(
+            "needs the surface of a solid of finite or natural elements, which model '{}' is not; remove it",
+            body.model.name()
+        );
+        return Err(key(format!("{path}.follow"), rule));
+    };
+    let mut held = vec![Vec::new(); body.model.nodes().len()];
+    for (k, f) in facets.iter().enumerate() {
+        f.nodes.iter().for_each(|n| held[*n].push(k));
+    }
+    let is_held = |face: &[u32; 4]| {
+        let [first, others @ ..] = face.map(|n| &held[n as usize]);
+        first.iter().any(|k| others.iter().all(|o| o.contains(k)))
+    };
+    let faces: Vec<[u32; 4]> = surface.faces().into_iter().filter(is_held).collect();
+    let nodes = body.model.nodes();
+    let area = |[a, b, c, d]: &[u32; 4]| {
+        let [a, b, c, d] = [a, b, c, d].map(|n| nodes[*n as usize]);
+        0.5 * ((b - a).cross(&(c - a)) + (c - a).cross(&(d - a))).norm()
+    };
+    let (loaded, whole): (f64, f64) = (
+        faces.iter().map(area).sum(),
+        facets.iter().map(SurfaceFacet::area).sum(),
+    );
+    if (loaded / whole - 1.0).abs() > SAME_AREA {
+        let rule = format!(
+            "needs a surface of whole faces: those in it have {loaded:.6e} m², the surface has {whole:.6e} m²; move its border"
+        );
+        return Err(key(format!("{path}.where"), rule));
+    }
+    let pressure = effect::FollowingPressure::new(name, faces, pressure, time);
+    Ok(Box::new(pressure.map_err(core(path))?))
 }
 
 /// Traction of a load on the given facets \[Pa\].

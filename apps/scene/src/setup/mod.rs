@@ -62,7 +62,7 @@ pub use lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, Overl
 pub use mesh::Grid;
 pub use names::{effect_models, model_index};
 pub use notch::{Knife, cut, knives};
-pub(crate) use obstacle::obstacle_parts;
+pub(crate) use obstacle::{locate_files, obstacle_parts};
 pub(crate) use probe::acts;
 pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;

@@ -1,16 +1,31 @@
 //! Rigid bodies that models touch: their shapes and motions, and the models that share one.
 
 use super::body::{Body, RigidBodies, material};
+use super::cloud::corners;
 use super::drive::Chosen;
+use super::files;
 use super::grains::law;
 use super::names::effect_models;
 use super::time::time_function;
-use crate::error::{Result, core, key};
+use crate::error::{Result, core, key, value};
 use crate::setup::LoweredScene;
 use crate::spec::{self, EffectKind, ObstacleShape};
-use arlequin::core::contact::{Motion, RigidBody, RigidShape, SharedBody, SurfaceObstacle};
+use arlequin::core::contact::{Motion, RigidBody, RigidShape, SharedBody, Solid, SurfaceObstacle};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Makes the paths of the files of obstacles relative to the current folder.
+pub(crate) fn locate_files(scene: &mut LoweredScene, folder: &Path) {
+    for e in &mut scene.effect {
+        if let EffectKind::Obstacle(o) = &mut e.kind
+            && let ObstacleShape::Solid { file, .. } = &mut o.shape
+        {
+            *file = folder.join(&*file);
+        }
+    }
+}
 
 /// Shape and motion of an obstacle.
 ///
@@ -51,13 +66,21 @@ pub(crate) fn obstacle_parts(k: usize, o: &spec::Obstacle) -> Result<(RigidShape
         let rule = "only a free sphere turns; give it a mass, or remove spin";
         return Err(key(format!("{path}.spin"), rule));
     }
-    let shape = shape(&o.shape).checked().map_err(core(format!("{path}.shape")))?;
+    if o.spring.is_some() && o.mass.is_none() {
+        let rule = "holds a free obstacle only; give its mass as well, or remove it";
+        return Err(key(format!("{path}.spring"), rule));
+    }
+    let shape_path = format!("{path}.shape");
+    let shape = shape(&shape_path, &o.shape)?
+        .checked()
+        .map_err(core(shape_path))?;
     Ok((shape, motion))
 }
 
-fn shape(shape: &ObstacleShape) -> RigidShape {
+/// Reads the file of a solid; other shapes have all numbers in the scene.
+fn shape(path: &str, shape: &ObstacleShape) -> Result<RigidShape> {
     let point = |x: [f64; 3]| Point3::from(Vector3::from(x));
-    match *shape {
+    Ok(match *shape {
         ObstacleShape::Plane { point: p, normal } => RigidShape::Plane {
             point: point(p),
             normal: Vector3::from(normal),
@@ -91,7 +114,23 @@ fn shape(shape: &ObstacleShape) -> RigidShape {
             Vector3::from(size),
             turn.map(Vector3::from).unwrap_or_default(),
         ),
-    }
+        ObstacleShape::Solid {
+            ref file,
+            scale,
+            shift,
+        } => {
+            let path = format!("{path}.solid");
+            let scale = scale.unwrap_or(1.0);
+            if !(scale > 0.0) {
+                return Err(value(format!("{path}.scale"), scale, "must be positive [m]"));
+            }
+            let path = format!("{path}.file");
+            let surface = files::surface(&path, file, scale)?;
+            let shift = shift.map(Vector3::from).unwrap_or_default();
+            let triangles = corners(&surface).into_iter().map(|t| t.map(|x| x + shift));
+            RigidShape::Solid(Arc::new(Solid::new(triangles.collect()).map_err(core(path))?))
+        }
+    })
 }
 
 /// Makes the rigid bodies of a scene, for each model those that it touches. Models that touch the same free
@@ -136,6 +175,10 @@ fn rigid_body(k: usize, o: &spec::Obstacle, models: &[usize], scene: &LoweredSce
     let (shape, motion) = obstacle_parts(k, o)?;
     let body = RigidBody::new(&o.ledger_name(k), shape, motion);
     let mut body = body.map_err(core(&*path))?;
+    if let Some(stiffness) = o.spring {
+        body.set_spring(stiffness)
+            .map_err(core(format!("{path}.spring")))?;
+    }
     if let Some(spin) = o.spin {
         body.set_spin(Vector3::from(spin))
             .map_err(core(format!("{path}.spin")))?;

@@ -53,7 +53,7 @@ pub(super) fn check_meshes(scene: &LoweredScene, bodies: &[Option<Body>], folder
             continue;
         };
         match names::loaded_parts(scene, m).len() {
-            1 => load::on_body(&path, &load::name(k, l), l, body).map(|_| ())?,
+            1 => load::build(&path, &load::name(k, l), l, body).map(|_| ())?,
             _ => shared::surface(k, scene, body, folder).map(|_| ())?,
         }
     }

@@ -4,9 +4,10 @@ use super::body::Body;
 use super::mesh::Grid;
 use super::names::effect_models;
 use super::shapes::corners;
-use crate::error::Result;
-use crate::setup::LoweredScene;
+use crate::error::{Result, key};
+use crate::setup::{LoweredScene, obstacle_parts};
 use crate::spec::{EffectKind, Obstacle, ObstacleShape};
+use arlequin::core::contact::RigidShape;
 use arlequin::core::nalgebra::{Point3, Rotation3, Unit, Vector3};
 use std::f64::consts::PI;
 
@@ -35,7 +36,7 @@ pub(super) fn pictures(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Rigi
         };
         for m in effect_models(k, e, scene)? {
             let [low, high] = corners(bodies[m].model.nodes());
-            let (grid, centre) = surface(o, &Point3::from((low + high) * 0.5), (high - low).norm());
+            let (grid, centre) = surface(k, o, &Point3::from((low + high) * 0.5), (high - low).norm())?;
             out.push(RigidPicture {
                 name: o.ledger_name(k),
                 model: m,
@@ -48,8 +49,8 @@ pub(super) fn pictures(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Rigi
 }
 
 /// Surface of an obstacle, near a body of extent `size` \[m\] around `middle`; and the centre of rotation.
-fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>) {
-    match o.shape {
+fn surface(k: usize, o: &Obstacle, middle: &Point3<f64>, size: f64) -> Result<(Grid, Point3<f64>)> {
+    Ok(match o.shape {
         ObstacleShape::Plane { point, normal } => {
             let (point, normal) = (Point3::from(point), Vector3::from(normal).normalize());
             let centre = middle - normal * normal.dot(&(middle - point));
@@ -123,7 +124,22 @@ fn surface(o: &Obstacle, middle: &Point3<f64>, size: f64) -> (Grid, Point3<f64>)
             let points = points.map(|(row, k)| point(row, k)).collect();
             (grid(points, bands(rows, 4 * QUARTER)), centre)
         }
-    }
+        ObstacleShape::Solid { .. } => {
+            let shape = obstacle_parts(k, o)?.0;
+            let RigidShape::Solid(solid) = &shape else {
+                return Err(key(format!("effect[{k}].obstacle.shape"), "is no solid"));
+            };
+            let points: Vec<Point3<f64>> = solid.triangles().iter().flatten().copied().collect();
+            let connectivity = (0..points.len() as u32).collect();
+            let grid = Grid {
+                corners: 3,
+                // VTK cell type of a triangle.
+                cell_type: 5,
+                ..grid(points, connectivity)
+            };
+            (grid, shape.middle())
+        }
+    })
 }
 
 /// Connectivity of the quadrilaterals between rings of points.

@@ -188,6 +188,7 @@ pub struct Motion {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::exactly_one("traction force pressure torque"))]
+#[schemars(extend("dependencies" = { "follow": ["pressure"] }))]
 #[non_exhaustive]
 pub struct Load {
     /// Name of the ledger line. Default: `load-1`, `load-2`, …
@@ -209,6 +210,10 @@ pub struct Load {
     /// Factor on `traction` or `pressure` by the place: an expression of `x`, `y` and `z` \[m\], such as
     /// `"exp(-(x^2 + y^2)/(1e-3)^2)"` for a spot. Excludes `force` and `torque`. Default: 1 everywhere.
     pub profile: Option<String>,
+    /// Lets the pressure turn with the surface of a solid and grow with its area; otherwise it keeps the
+    /// direction and the area that the surface has at rest. Default: false.
+    #[serde(default)]
+    pub follow: bool,
     /// Total moment about the surface's centroid \[N m\], as tractions `θ × (x − c)` (by mass over
     /// particles).
     #[schemars(transform = schema::not_zero)]

@@ -6,6 +6,7 @@ use super::schema;
 use schemars::JsonSchema;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
+use std::path::PathBuf;
 
 /// `[[effect]]`: one effect and the models that have it.
 #[derive(Debug, Clone)]
@@ -378,7 +379,7 @@ pub struct Contact {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(transform = schema::excludes("displacement", "velocity mass"))]
-#[schemars(extend("dependencies" = { "inertia": ["mass"], "spin": ["mass"] }))]
+#[schemars(extend("dependencies" = { "inertia": ["mass"], "spin": ["mass"], "spring": ["mass"] }))]
 #[non_exhaustive]
 pub struct Obstacle {
     /// Name of the ledger line. Default: `obstacle-1`, …
@@ -397,6 +398,10 @@ pub struct Obstacle {
     /// Moment of inertia of a free sphere \[kg m²\]. Default: that of a full ball, `2/5 mass radius²`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub inertia: Option<f64>,
+    /// Stiffness of a spring that holds a free body to its place at the start, in all directions \[N/m\].
+    /// Default: none.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub spring: Option<f64>,
     /// Angular velocity of a free sphere at the start \[rad/s\]. Default: none.
     pub spin: Option<[f64; 3]>,
     /// Contact law. On a surface of elements, the stiffness per area is `4 E/h`, with `h` the size of a
@@ -414,7 +419,7 @@ impl Obstacle {
 }
 
 /// Shapes of obstacles.
-#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum ObstacleShape {
@@ -468,12 +473,22 @@ pub enum ObstacleShape {
         /// Rotation vector about the centre \[rad\]. Default: along the axes.
         turn: Option<[f64; 3]>,
     },
+    /// Body with a closed surface.
+    Solid {
+        /// STL file of the surface, relative to the scene file. Its triangles are turned outwards.
+        file: PathBuf,
+        /// Length of one unit of the file \[m\]. Default: 1.
+        #[schemars(extend("exclusiveMinimum" = 0))]
+        scale: Option<f64>,
+        /// Shift of the body from where the file has it \[m\]. Default: none.
+        shift: Option<[f64; 3]>,
+    },
 }
 
 choice!(
     ObstacleShape,
     "{ plane = { point, normal } }, { sphere = { centre, radius } }, { cylinder = { point, axis, radius } }, \
-     { cone = { tip, axis, height, radius } }, { box = { centre, size } }"
+     { cone = { tip, axis, height, radius } }, { box = { centre, size } }, { solid = { file } }"
 );
 
 /// Displacement of an obstacle, `amplitude · time`.

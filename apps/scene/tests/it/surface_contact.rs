@@ -48,6 +48,9 @@ fn a_ball_rebounds_beside_a_zone_on_it_and_on_its_border() {
         );
         blow
     });
+    // On the border, the particles, the elements and the multipliers all act on one ball.
+    let created = struck(-1e-3, &[]).summary().energy.created_max;
+    assert!(created < 1e-12, "{created:e}");
     for blow in &blows[1..] {
         assert!((blow[1] / blows[0][1] - 1.0).abs() < 0.1, "{blows:?}");
     }
@@ -70,4 +73,100 @@ fn an_obstacle_that_names_no_elements_does_not_touch_them() {
             .expect("a warning")
             .contains("name 'body' in the models of effect[0]")
     );
+}
+
+/// Text of an STL file of some triangles.
+fn stl(triangles: &[[[f64; 3]; 3]]) -> String {
+    let corner = |[x, y, z]: &[f64; 3]| format!("vertex {x:e} {y:e} {z:e}\n");
+    let facet = |t: &[[f64; 3]; 3]| {
+        let corners: String = t.iter().map(corner).collect();
+        format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n")
+    };
+    let facets: String = triangles.iter().map(facet).collect();
+    format!("solid tool\n{facets}endsolid tool\n")
+}
+
+/// Triangles of a cube with corners at ±1, clockwise from outside.
+fn inverted_cube() -> Vec<[[f64; 3]; 3]> {
+    let mut out = Vec::new();
+    for c in 0..3 {
+        for side in [-1.0, 1.0] {
+            let corner = |u: f64, v: f64| {
+                let mut x = [0.0; 3];
+                (x[c], x[(c + 1) % 3], x[(c + 2) % 3]) = (side, side * u, v);
+                x
+            };
+            let [p, q, r, s] =
+                [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[u, v]| corner(u, v));
+            out.extend([[p, r, q], [p, s, r]]);
+        }
+    }
+    out
+}
+
+/// Triangles of a ball of radius one: the cube's, divided and pushed out.
+fn ball(divisions: usize) -> Vec<[[f64; 3]; 3]> {
+    let mut triangles = inverted_cube();
+    for _ in 0..divisions {
+        let middle = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|c: usize| 0.5 * (a[c] + b[c]));
+        let quarters = |[a, b, c]: [[f64; 3]; 3]| {
+            let [d, e, f] = [middle(a, b), middle(b, c), middle(c, a)];
+            [[a, d, f], [d, b, e], [f, e, c], [d, e, f]]
+        };
+        triangles = triangles.into_iter().flat_map(quarters).collect();
+    }
+    let out = |x: [f64; 3]| {
+        let size = (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]).sqrt();
+        x.map(|c| c / size)
+    };
+    triangles.into_iter().map(|t| t.map(out)).collect()
+}
+
+/// Runs the ball of the shipped scene with another shape, in a folder that has `tool.stl`. Returns the blow.
+fn struck_by(shape: &str, triangles: &[[[f64; 3]; 3]]) -> Result<[f64; 2], String> {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stl");
+    std::fs::create_dir_all(&folder).expect("folder");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/ball-beside-zone.toml");
+    let text = std::fs::read_to_string(path).expect("scene");
+    // The body alone, and a ball that does not turn, as other shapes do not.
+    let zone = text.find("[zone.struck]").expect("zone")..text.find("[[support]]").expect("support");
+    let text = text.replace(&text[zone], "");
+    let given = "shape.sphere = { centre = [3e-3, 0.3e-3, 2.01e-3], radius = 2e-3 }";
+    assert!(text.contains(given));
+    let text = text.replace(given, shape).replace("friction = 0.2, ", "");
+    std::fs::write(folder.join("tool.stl"), stl(triangles)).expect("STL");
+    let file = folder.join("scene.toml");
+    std::fs::write(&file, text).expect("scene");
+    let scene = Scene::read(&file).map_err(|e| e.to_string())?;
+    let prepared = scene.prepare().map_err(|e| e.to_string())?;
+    let results = prepared.run(&mut Silent).map_err(|e| e.to_string())?;
+    Ok(blow(&results))
+}
+
+/// A closed STL file is a rigid body: a box of triangles strikes as the exact box, a ball of 3 072 triangles
+/// as the exact ball within their flatness. Triangles that look inwards are turned; an open surface is
+/// refused.
+#[test]
+fn a_closed_surface_strikes_as_the_exact_shape() {
+    let solid = "shape.solid = { file = \"tool.stl\", scale = 2e-3, shift = [3e-3, 0.3e-3, 2.01e-3] }";
+    for (exact, triangles, tolerance) in [
+        (
+            "shape.box = { centre = [3e-3, 0.3e-3, 2.01e-3], size = [4e-3, 4e-3, 4e-3] }",
+            inverted_cube(),
+            1e-5,
+        ),
+        (
+            "shape.sphere = { centre = [3e-3, 0.3e-3, 2.01e-3], radius = 2e-3 }",
+            ball(4),
+            0.02,
+        ),
+    ] {
+        let expected = struck_by(exact, &triangles).expect("exact");
+        let found = struck_by(solid, &triangles).expect("triangles");
+        for (a, b) in expected.iter().zip(found) {
+            assert!((b / a - 1.0).abs() < tolerance, "{exact}: {expected:?} {found:?}");
+        }
+    }
+    let open = struck_by(solid, &inverted_cube()[1..]).expect_err("open");
+    assert!(open.contains("effect[0].obstacle.shape.solid.file"), "{open}");
 }

@@ -158,8 +158,11 @@ impl Moving {
         let held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
         let responses = response::responses(&mut *bodies[fine].model, rate, &held)?;
         let on_body = scene.load.iter().enumerate().filter(|(_, l)| l.model == BODY);
-        let loads =
-            on_body.map(|(k, l)| load::on_body(&format!("load[{k}]"), &load::name(k, l), l, &bodies[coarse]));
+        let loads = on_body.map(|(k, l)| {
+            let path = format!("load[{k}]");
+            load::check_fixed(&path, l)?;
+            load::fixed(&path, &load::name(k, l), l, &bodies[coarse])
+        });
         let loads = loads.collect::<Result<_>>()?;
         Ok(Some(Self {
             loads: Arc::new(loads),
