@@ -15,6 +15,7 @@
 //! of the unweighted step for `ε` = 0.05 / 0.005 / 0.0005, and 1.00 / 1.00 / 0.76 with
 //! [`Inertia::Centroids`].
 
+mod faces;
 mod patch_test;
 
 use crate::domain::{Domain, Neighbours};
@@ -409,10 +410,9 @@ impl Model<f64> for CnemModel {
 }
 
 impl Boundary for CnemModel {
-    /// Triangles of the surface; the faces of cracks are left out.
+    /// Faces of the surface; those of cracks are left out.
     fn faces(&self) -> Vec<[u32; 4]> {
-        let faces = self.domain().boundary();
-        faces.map(|[a, b, c]| [a, b, c, c].map(|k| k as u32)).collect()
+        faces::faces(self.domain().nodes(), self.domain().boundary())
     }
 }
 

@@ -495,9 +495,10 @@ fn a_ball_on_elements_feels_the_force_of_hertz() {
     let amplitude = Vector3::new(0.0, 0.0, -depth);
     let time = TimeFunction::Ramp { duration: 40e-6 };
     let body = rigid(shape, Motion::Prescribed { amplitude, time });
+    let var = |n: &str, d: f64| std::env::var(n).ok().map_or(d, |x| x.parse().unwrap());
     let law = ContactLaw {
-        restitution: 1.0,
-        ..ContactLaw::elastic(10.0 * E)
+        restitution: var("REST", 1.0),
+        ..ContactLaw::elastic(var("MOD", 10.0) * E)
     };
     let far = x[n];
     let s = Subdomain::coarse(fem("half-space", mesh), Weights::uncoupled());
@@ -510,9 +511,11 @@ fn a_ball_on_elements_feels_the_force_of_hertz() {
             .collect();
         s = s.with_support(PrescribedMotion::fixed(dofs));
     }
-    let mut run = run_of(vec![s], 0.9);
+    let mut run = run_of(vec![s], var("FRAC", 0.9));
     while run.time() < 250e-6 {
         run.run(50, &mut Silent).unwrap();
+        let r = run.effect_resultant(0, "tool", &Point3::origin()).unwrap().force;
+        eprintln!("{:e} {:e} {:?}", run.time(), 4.0 * r.z, run.effects()[0].facts);
     }
     let force = run.effect_resultant(0, "tool", &Point3::origin()).unwrap().force;
     let whole = 4.0 * -force.z;

@@ -18,7 +18,7 @@
 //! step, so results do not depend on the number of threads. A step allocates only where points are listed
 //! anew.
 
-use super::closed::{Active, Closed};
+use super::closed::{Active, Closed, Proposed};
 use super::exterior::{Exterior, Side};
 use super::facet::Foot;
 use super::place::Place;
@@ -171,14 +171,17 @@ impl Contacts {
         let dt = instants[0].dt;
         self.closed.begin(dt);
         let count = self.near.len();
-        // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
             let (point, foot) = self.near.foot(self.closed.turn(n, count));
             if self.allowed[point as usize] - foot.distance > 0.0 {
-                self.close(point, &foot, instants, f);
+                self.propose(point, &foot, instants);
             } else {
                 self.closed.open(point as usize);
             }
+        }
+        // Sequential: a contact works on the velocity that the contacts before it have left.
+        for n in 0..self.closed.proposed.len() {
+            self.decide(self.closed.proposed[n], instants, f);
         }
         self.closed.end(dt);
         self.most = self.most.max(self.closed.active.len());
@@ -197,7 +200,7 @@ impl Contacts {
         }
     }
 
-    fn close(&mut self, point: u32, foot: &Foot, instants: [&Instant<'_, f64>; 2], f: &[&mut [f64]; 2]) {
+    fn propose(&mut self, point: u32, foot: &Foot, instants: [&Instant<'_, f64>; 2]) {
         let (s, k) = locate(&self.sides, point);
         self.closed.turned(foot.turn);
         let (own, other) = (&self.sides[s], &self.sides[1 - s]);
@@ -221,18 +224,34 @@ impl Contacts {
                 twist(own, &p.place, instants[s].v_half),
             ],
         };
-        let ends = ends(&self.sides, [s, k], &foot.place, instants, f);
         let spring = &mut self.closed.springs[point as usize];
+        let proposal = self.closed.law.propose(&pair, false, instants[0].dt, spring);
+        let (r, place) = (&proposal.response, p.place);
+        self.sides[s].propose(&place, &r.force, &r.torque[1]);
+        self.sides[1 - s].propose(&foot.place, &-r.force, &Vector3::zeros());
+        self.closed.proposed.push(Proposed {
+            point,
+            foot: foot.place,
+            proposal,
+        });
+    }
+
+    fn decide(&mut self, p: Proposed, instants: [&Instant<'_, f64>; 2], f: &[&mut [f64]; 2]) {
+        let (s, k) = locate(&self.sides, p.point);
+        let (place, r) = (self.sides[s].points[k].place, &p.proposal.response);
+        self.sides[s].withdraw(&place, &r.force, &r.torque[1]);
+        self.sides[1 - s].withdraw(&p.foot, &-r.force, &Vector3::zeros());
+        let ends = ends(&self.sides, [s, k], &p.foot, instants, f);
+        let spring = &mut self.closed.springs[p.point as usize];
         let r = self
             .closed
             .law
-            .respond(&pair, false, || ends, instants[0].dt, spring);
-        let place = self.sides[s].points[k].place;
-        self.sides[s].push(&place, &r.force, &r.torque[1]);
-        self.sides[1 - s].push(&foot.place, &-r.force, &Vector3::zeros());
+            .decide(&p.proposal, || ends, instants[0].dt, spring);
+        self.sides[s].decide(&place, &r.force, &r.torque[1]);
+        self.sides[1 - s].decide(&p.foot, &-r.force, &Vector3::zeros());
         self.closed.active.push(Active {
-            point,
-            foot: foot.place,
+            point: p.point,
+            foot: p.foot,
             force: r.force,
             torque: r.torque[1],
             stored: r.stored,

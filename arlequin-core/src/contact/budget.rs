@@ -4,15 +4,19 @@
 //! Scaled by `s` it does the work
 //!
 //! ```text
-//! W(s) = s b + s^2 a      b = dt F.u      a = dt^2/2 F.M^-1 F      u = v_- + dt/2 M^-1 f + dt M^-1 g
+//! W(s) = s b + s^2 a - c  a = dt^2/2 F.M^-1 F      b = dt F.u      u = v_- + dt/2 M^-1 (f + h) + dt M^-1 g
+//!                         c = dt^2/2 F.M^-1 g
 //! ```
 //!
-//! with the other forces `f` of the instant and the contacts `g` that were taken before this one. Contacts
-//! are taken one after the other, so their works sum to what the ledger books, `dt F.(v_- + v_+)/2`, however
-//! many contacts share a particle. The budget of a contact is the energy that it took in since touch, and `s`
-//! is the largest number up to one whose work the budget covers. A spring alone does not conserve energy: it
-//! closes and opens between two instants, which adds or removes up to `(omega dt)^2/4` of the energy of the
-//! approach.
+//! with the other forces `f` of the instant, the forces `g` of the contacts that were taken before this one, and
+//! those `h` that the contacts after it would have if they were not scaled. Contacts are taken one after the
+//! other, so their works sum to what the ledger books, `dt F.(v_- + v_+)/2`, however many contacts share a
+//! particle. If none is scaled, two contacts that share a node have half of their common work each: contacts
+//! at rest do none. With `h = 0` and `c = 0` the first of them would take in what the second gives, in each
+//! step, and the budgets would scale forces that balance each other. The budget of a contact is the energy
+//! that it took in since touch, and `s` is the largest number up to one whose work the budget covers. A spring
+//! alone does not conserve energy: it closes and opens between two instants, which adds or removes up to
+//! `(omega dt)^2/4` of the energy of the approach.
 //!
 //! Multipliers, and effects that are computed later, act on the ends in a way that the contact learns in the
 //! next step ([`Spring::settle`]). If it has opened by then, it cannot give energy back. It therefore holds
@@ -34,6 +38,8 @@ pub struct End {
     pub middle: [f64; 6],
     /// Velocity after the step from the forces known so far.
     pub after: [f64; 6],
+    /// Part of the velocities from contacts that knew the unscaled force of the next contact.
+    pub decided: [f64; 6],
     /// Inverse inertia; zero where the motion is prescribed.
     pub inverse_inertia: [f64; 6],
 }
@@ -47,16 +53,17 @@ impl End {
     }
 }
 
-/// Work of a response over the step: `s linear + s^2 square` if the response is scaled by `s` \[J\].
+/// Work of a response over the step: `s linear + s^2 square - credit` if the response is scaled by `s` \[J\].
 #[derive(Debug, Clone, Copy)]
 struct Work {
     linear: f64,
     square: f64,
+    credit: f64,
 }
 
 impl Work {
     fn from_response(r: &Response, ends: [&End; 2], dt: f64) -> Self {
-        let (mut linear, mut square) = (0.0, 0.0);
+        let (mut linear, mut square, mut credit) = (0.0, 0.0, 0.0);
         for (e, (end, sign)) in ends.into_iter().zip([-1.0, 1.0]).enumerate() {
             for c in 0..6 {
                 let f = if c < 3 {
@@ -68,11 +75,13 @@ impl Work {
                 // adds.
                 linear += f * end.middle[c];
                 square += f * f * end.inverse_inertia[c];
+                credit += f * end.decided[c];
             }
         }
         Self {
             linear: dt * linear,
             square: 0.5 * dt * dt * square,
+            credit: 0.5 * dt * credit,
         }
     }
 
@@ -80,18 +89,18 @@ impl Work {
     fn with_reserve(&self, reserve: f64) -> Self {
         Self {
             linear: self.linear + reserve,
-            square: self.square,
+            ..*self
         }
     }
 
     fn at_scale(&self, s: f64) -> f64 {
-        s * (self.linear + s * self.square)
+        s * (self.linear + s * self.square) - self.credit
     }
 
     /// Returns the largest scale whose work is at most `budget`. If there is none (a negative budget),
     /// returns the scale with the least work.
     fn scale(&self, budget: f64) -> f64 {
-        let (a, b) = (self.square, self.linear);
+        let (a, b, budget) = (self.square, self.linear, budget + self.credit);
         if a <= 0.0 {
             // Both ends are driven, so the work is linear in the scale.
             return if b > 0.0 { (budget / b).max(0.0) } else { 1.0 };
@@ -105,6 +114,16 @@ impl Work {
         };
         s.max(0.0)
     }
+}
+
+/// Response of a closed contact by the law alone, before its budget limits it.
+#[derive(Debug, Clone, Copy)]
+pub struct Proposal {
+    /// Forces and energy.
+    pub response: Response,
+    /// Unit vector from the first body to the second, and the overlap \[m\].
+    normal: Vector3<f64>,
+    gap: f64,
 }
 
 /// The contact law with the state that all contacts of a run share.
@@ -161,6 +180,13 @@ impl BudgetedLaw {
         dt: f64,
         spring: &mut Spring,
     ) -> Response {
+        let proposal = self.propose(pair, turns, dt, spring);
+        self.decide(&proposal, ends, dt, spring)
+    }
+
+    /// Computes the response of a closed contact by the law alone and advances its spring. The first body
+    /// feels no torque unless `turns`.
+    pub fn propose(&mut self, pair: &Pair, turns: bool, dt: f64, spring: &mut Spring) -> Proposal {
         let old = spring.closed;
         let mut r = self.law.respond(pair, self.damping_ratio, dt, spring);
         if !turns {
@@ -173,20 +199,39 @@ impl BudgetedLaw {
                 spring.budget = (spring.budget * r.stored).sqrt();
                 self.supplied += spring.budget;
             }
-            let [a, b] = ends();
-            spend(pair, &mut r, [&a, &b], dt, self.damping_ratio <= 0.0, spring);
         } else {
             spring.budget = r.stored;
             self.supplied += r.stored;
         }
-        r
+        Proposal {
+            response: r,
+            normal: pair.normal,
+            gap: pair.gap,
+        }
+    }
+
+    /// Scales a proposed response so that the budget of the contact covers its work. `ends` is called only in
+    /// steps (`dt > 0`).
+    pub fn decide(
+        &self,
+        proposal: &Proposal,
+        ends: impl FnOnce() -> [End; 2],
+        dt: f64,
+        spring: &mut Spring,
+    ) -> Response {
+        if dt > 0.0 {
+            let [a, b] = ends();
+            return spend(proposal, [&a, &b], dt, self.damping_ratio <= 0.0, spring);
+        }
+        proposal.response
     }
 }
 
 /// Scales a response so that its budget covers the work, deducts the work from the budget and sets the stored
 /// energy at this instant. An `elastic` contact that opens gives back the rest.
-fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) {
-    let work = Work::from_response(r, ends, dt);
+fn spend(p: &Proposal, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) -> Response {
+    let mut r = p.response;
+    let work = Work::from_response(&r, ends, dt);
     let dearest = work.with_reserve(SAFETY * 0.5 * dt * r.force.norm() * spring.unknown);
     let mut wanted = 1.0;
     if elastic {
@@ -220,4 +265,5 @@ fn spend(p: &Pair, r: &mut Response, ends: [&End; 2], dt: f64, elastic: bool, sp
     // Half of the work is done in the half step before this instant.
     r.stored = r.stored.min(spring.budget - 0.5 * done).max(0.0);
     spring.budget -= done;
+    r
 }

@@ -2,7 +2,7 @@
 //! step.
 
 use super::place::Place;
-use super::{BudgetedLaw, ContactLaw, Spring};
+use super::{BudgetedLaw, ContactLaw, Proposal, Spring};
 use crate::record::Record;
 use nalgebra::Vector3;
 
@@ -30,12 +30,22 @@ pub(super) struct Active {
     pub(super) expected: f64,
 }
 
+/// A contact that is closed at this instant, before its budget limits it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Proposed {
+    pub(super) point: u32,
+    /// As in [`Active`].
+    pub(super) foot: Place,
+    pub(super) proposal: Proposal,
+}
+
 /// Contacts of some points, of which each has one spring.
 #[derive(Debug)]
 pub(super) struct Closed {
     pub(super) law: BudgetedLaw,
     pub(super) springs: Vec<Spring>,
     pub(super) active: Vec<Active>,
+    pub(super) proposed: Vec<Proposed>,
     backwards: bool,
     /// Smallest cosine of the angle by which a facet in contact has turned since rest.
     turn: f64,
@@ -47,6 +57,7 @@ impl Closed {
             law: BudgetedLaw::new(law),
             springs: vec![Spring::default(); points],
             active: Vec::new(),
+            proposed: Vec::new(),
             backwards: false,
             turn: 1.0,
         }
@@ -70,6 +81,7 @@ impl Closed {
     /// Begins a step of length `dt` \[s\]: forgets the responses of the last one.
     pub(super) fn begin(&mut self, dt: f64) {
         self.active.clear();
+        self.proposed.clear();
         self.law.begin(dt);
     }
 

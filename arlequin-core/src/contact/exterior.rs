@@ -1,6 +1,7 @@
 //! The exterior of a model, which touches that of another: the facets of a surface, or spheres.
 
 use super::facet::{self, Facet, Foot};
+use super::forces::{self, StepForces};
 use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
 use super::{ContactLaw, End};
@@ -137,7 +138,9 @@ impl Exterior {
                     (b - a).norm().max((c - b).norm()).max((a - c).norm())
                 };
                 let longest = triangles.iter().map(edge).fold(0.0, f64::max);
-                let spacing = (SPACING * self.size().min(other.size())).max(FINEST * longest);
+                let spacing = (std::env::var("SP").map_or(SPACING, |x| x.parse().unwrap())
+                    * self.size().min(other.size()))
+                .max(FINEST * longest);
                 let object = format!("the surface of '{}'", self.name);
                 let mut points = points::points(&object, triangles, &self.nodes, spacing)?;
                 points.iter_mut().for_each(|p| p.stiffness *= BOTH);
@@ -175,9 +178,7 @@ pub(super) struct Side {
     unweighted: Vec<f64>,
     /// Area of each node on the facets \[m²\].
     area: Vec<f64>,
-    /// Inverse inertia of every unknown, and the forces of the effect so far in this step.
-    inverse_inertia: Vec<f64>,
-    own_forces: Vec<f64>,
+    forces: StepForces,
 }
 
 impl Side {
@@ -208,8 +209,7 @@ impl Side {
             share: Vec::new(),
             mass: Vec::new(),
             unweighted: Vec::new(),
-            inverse_inertia: Vec::new(),
-            own_forces: Vec::new(),
+            forces: StepForces::default(),
         })
     }
 
@@ -239,8 +239,7 @@ impl Side {
             .zip(&self.unweighted)
             .map(|(m, w)| m / w)
             .collect();
-        self.inverse_inertia = host.inverse_inertia.to_vec();
-        self.own_forces = vec![0.0; layout.dofs()];
+        self.forces = StepForces::new(host.inverse_inertia.to_vec());
         let is_tied = |n: usize| tied.get(n).copied().unwrap_or(false);
         self.points.retain(|p| !p.place.nodes().any(|(n, _)| is_tied(n)));
         self.facets
@@ -261,63 +260,44 @@ impl Side {
 
     /// Angular velocity at a place \[rad/s\]; zero where nothing turns.
     pub(super) fn spin(&self, place: &Place, v: &[f64]) -> Vector3<f64> {
-        if !self.turns {
-            return Vector3::zeros();
-        }
-        let o = self.turning(place);
-        Vector3::new(v[o], v[o + 1], v[o + 2])
+        self.turning(place)
+            .map_or_else(Vector3::zeros, |o| Vector3::new(v[o], v[o + 1], v[o + 2]))
     }
 
-    /// First rotational unknown of the sphere at a place.
-    fn turning(&self, place: &Place) -> usize {
-        3 * (self.rest.len() + place.nodes[0] as usize)
+    /// First rotational unknown of the sphere at a place; none where nothing turns.
+    fn turning(&self, place: &Place) -> Option<usize> {
+        self.turns
+            .then(|| 3 * (self.rest.len() + place.nodes[0] as usize))
     }
 
-    /// Velocities of a place during the step, under the forces `f` of others and those of this effect so far.
+    /// Velocities of a place during the step, under the forces `f` of others and those of this effect.
     pub(super) fn end(&self, place: &Place, instant: &Instant<'_, f64>, f: &[f64]) -> End {
-        let mut out = place.end(instant, &self.inverse_inertia, f, &self.own_forces);
-        if self.turns {
-            let o = self.turning(place);
-            for c in 0..3 {
-                let (f, own) = (f[o + c], self.own_forces[o + c]);
-                let (v, inverse) = (instant.v_half[o + c], self.inverse_inertia[o + c]);
-                out.middle[3 + c] = v + instant.dt * inverse * (0.5 * f + own);
-                out.after[3 + c] = v + instant.dt * inverse * (f + own);
-                out.inverse_inertia[3 + c] = inverse;
-            }
-        }
-        out
+        self.forces.end(place, self.turning(place), instant, f)
+    }
+
+    /// Proposes a force and a torque at a place.
+    pub(super) fn propose(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
+        self.forces.propose(place, self.turning(place), force, torque);
+    }
+
+    /// Withdraws what was proposed.
+    pub(super) fn withdraw(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
+        self.forces.withdraw(place, self.turning(place), force, torque);
     }
 
     /// Adds a force and a torque of this effect at a place to those of this step.
-    pub(super) fn push(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
-        place.add(force, &mut self.own_forces);
-        if self.turns {
-            let o = self.turning(place);
-            (0..3).for_each(|c| self.own_forces[o + c] += torque[c]);
-        }
+    pub(super) fn decide(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
+        self.forces.decide(place, self.turning(place), force, torque);
     }
 
     /// Adds a force and a torque at a place to `f`.
     pub(super) fn add(&self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>, f: &mut [f64]) {
-        place.add(force, f);
-        if self.turns {
-            let o = self.turning(place);
-            (0..3).for_each(|c| f[o + c] += torque[c]);
-        }
+        forces::add(f, place, self.turning(place), force, torque);
     }
 
     /// Moves this effect's forces at a place to `f`. A second call for the same nodes adds nothing.
     pub(super) fn deliver(&mut self, place: &Place, f: &mut [f64]) {
-        let turning = self.turning(place);
-        // Taken, so that a node of several contacts gets the forces once.
-        let mut take = |o: usize| f[o] += std::mem::take(&mut self.own_forces[o]);
-        place
-            .nodes()
-            .for_each(|(n, _)| (3 * n..3 * n + 3).for_each(&mut take));
-        if self.turns {
-            (turning..turning + 3).for_each(take);
-        }
+        self.forces.deliver(place, self.turning(place), f);
     }
 
     /// Stiffness over the modulus \[m\] and mass \[kg\] for the dashpot of point `k` with a foot on `other`.
@@ -372,7 +352,7 @@ impl Side {
         }
         let [k, c, k_area, c_area] = top;
         let mut out = [0.0_f64; 2];
-        for n in (0..self.rest.len()).filter(|n| (3 * n..3 * n + 3).any(|o| self.inverse_inertia[o] > 0.0)) {
+        for n in (0..self.rest.len()).filter(|n| self.forces.moves(*n)) {
             let (area, mut rows) = (self.area[n], [stiffness[n], damping[n]]);
             if area > 0.0 {
                 rows[0] += slide(1.0) * (k_area * area + k) / self.unweighted[n];

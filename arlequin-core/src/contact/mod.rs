@@ -17,12 +17,14 @@
 //! | `facet`, `search` | the foot of a point on facets; points near facets |
 //! | `between` | [`SurfaceContact`]: a surface against spheres or against another surface |
 //! | `closed`, `place` | closed contacts with their springs; places on facets |
+//! | `forces` | forces of an effect on one model within a step |
 
 mod between;
 mod budget;
 mod closed;
 mod exterior;
 mod facet;
+mod forces;
 mod law;
 mod obstacle;
 mod place;
@@ -33,7 +35,7 @@ mod shape;
 mod solid;
 
 pub use between::SurfaceContact;
-pub use budget::{BudgetedLaw, End};
+pub use budget::{BudgetedLaw, End, Proposal};
 pub use closed::LARGEST_TURN;
 pub use exterior::Exterior;
 pub use law::{ContactLaw, Pair, Response, Spring};

@@ -8,10 +8,11 @@
 //! Forces are added point after point in an order that is reversed in every step, so results do not depend
 //! on the number of threads. A step allocates nothing except where the list of near points grows.
 
-use super::closed::{Active, Closed};
+use super::closed::{Active, Closed, Proposed};
+use super::forces::StepForces;
 use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
-use super::{ContactLaw, End, Pair, RigidBody, SharedBody, Twist};
+use super::{ContactLaw, Pair, RigidBody, SharedBody, Twist};
 use crate::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use crate::error::invalid;
 use crate::model::Model;
@@ -44,9 +45,7 @@ struct Contacts {
     /// Weighted over unweighted mass, and inverse of the weighted mass \[1/kg\], of each point.
     weight: Vec<f64>,
     inverse_mass: Vec<f64>,
-    /// Inverse inertia of every unknown, and the forces of the effect so far in this step.
-    inverse_inertia: Vec<f64>,
-    own_forces: Vec<f64>,
+    forces: StepForces,
     near: Near,
     demand: StepDemand<f64>,
     checked: bool,
@@ -101,8 +100,7 @@ impl SurfaceObstacle {
             },
             weight: Vec::new(),
             inverse_mass: Vec::new(),
-            inverse_inertia: Vec::new(),
-            own_forces: Vec::new(),
+            forces: StepForces::default(),
             demand: StepDemand::none(),
             checked: false,
             share: 0,
@@ -185,7 +183,6 @@ impl Contacts {
     fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) {
         self.closed.begin(instant.dt);
         let count = self.near.points.len();
-        // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
             let k = self.near.points[self.closed.turn(n, count)] as usize;
             let x = self.points[k].rest + self.points[k].place.value(instant.q);
@@ -193,35 +190,33 @@ impl Contacts {
             let gap = self.allowed[k] - distance;
             if gap > 0.0 && self.weight[k] > 0.0 {
                 self.closed.turned(self.points[k].turn(instant.q));
-                self.close(k, gap, (distance, normal), rigid, instant, f);
+                self.propose(k, gap, (distance, normal), rigid, instant);
             } else {
                 self.closed.open(k);
             }
         }
+        // Sequential: a contact works on the velocity that the contacts before it have left.
+        for n in 0..self.closed.proposed.len() {
+            self.decide(self.closed.proposed[n], rigid, instant, f);
+        }
         self.closed.end(instant.dt);
-        let (points, inverse, own) = (&self.points, &self.inverse_inertia, &self.own_forces);
+        let (points, forces) = (&self.points, &self.forces);
         self.closed.expect(|a| {
             let place = &points[a.point as usize].place;
-            place.end(instant, inverse, f, own).power(&a.force, &a.torque)
+            forces.end(place, None, instant, f).power(&a.force, &a.torque)
         });
         for a in &self.closed.active {
-            for (n, _) in self.points[a.point as usize].place.nodes() {
-                // Taken, so that a node of several contacts gets the forces once.
-                let own = &mut self.own_forces[3 * n..3 * n + 3];
-                let sums = f[3 * n..3 * n + 3].iter_mut().zip(own);
-                sums.for_each(|(f, own)| *f += std::mem::take(own));
-            }
+            self.forces.deliver(&self.points[a.point as usize].place, None, f);
         }
     }
 
-    fn close(
+    fn propose(
         &mut self,
         k: usize,
         gap: f64,
         (distance, normal): (f64, Vector3<f64>),
-        rigid: &mut RigidBody,
+        rigid: &RigidBody,
         instant: &Instant<'_, f64>,
-        f: &[f64],
     ) {
         let point = &self.points[k];
         let [linear, angular] = rigid.velocity();
@@ -243,29 +238,33 @@ impl Contacts {
                 },
             ],
         };
-        let obstacle = if instant.dt > 0.0 {
-            rigid.end(instant)
-        } else {
-            End::default()
-        };
-        let ends = || {
-            [
-                obstacle,
-                point
-                    .place
-                    .end(instant, &self.inverse_inertia, f, &self.own_forces),
-            ]
-        };
         let spring = &mut self.closed.springs[k];
-        let r = self
+        let proposal = self
             .closed
             .law
-            .respond(&pair, turns.is_some(), ends, instant.dt, spring);
-        self.points[k].place.add(&r.force, &mut self.own_forces);
-        rigid.push(self.share, &-r.force, &r.torque[0]);
-        self.closed.active.push(Active {
+            .propose(&pair, turns.is_some(), instant.dt, spring);
+        let force = &proposal.response.force;
+        self.forces.propose(&point.place, None, force, &Vector3::zeros());
+        self.closed.proposed.push(Proposed {
             point: k as u32,
             foot: Place::default(),
+            proposal,
+        });
+    }
+
+    fn decide(&mut self, p: Proposed, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &[f64]) {
+        let place = &self.points[p.point as usize].place;
+        let zero = Vector3::zeros();
+        let proposed = &p.proposal.response.force;
+        self.forces.withdraw(place, None, proposed, &zero);
+        let ends = || [rigid.end(instant), self.forces.end(place, None, instant, f)];
+        let spring = &mut self.closed.springs[p.point as usize];
+        let r = self.closed.law.decide(&p.proposal, ends, instant.dt, spring);
+        self.forces.decide(place, None, &r.force, &zero);
+        rigid.push(self.share, &-r.force, &r.torque[0]);
+        self.closed.active.push(Active {
+            point: p.point,
+            foot: p.foot,
             force: r.force,
             torque: Vector3::zeros(),
             stored: r.stored,
@@ -292,7 +291,7 @@ impl Contacts {
             whole += p.area;
             hardest = hardest.max(k / p.area);
         }
-        let moves = |n: &usize| (3 * n..3 * n + 3).any(|o| self.inverse_inertia[o] > 0.0);
+        let moves = |n: &usize| self.forces.moves(*n);
         let largest = |x: &[f64]| (0..nodes).filter(moves).fold(0.0, |m, n| x[n].max(m));
         let (mut square, mut rate) = (largest(&rows), largest(&rates));
         if let Some(mass) = rigid.mass() {
@@ -336,8 +335,7 @@ impl EffectSpec<f64> for SurfaceObstacle {
         }
         let mut mass = vec![0.0; layout.dofs()];
         host.model.lumped_inertia(&Uniform(1.0), &mut mass)?;
-        contacts.inverse_inertia = host.inverse_inertia.to_vec();
-        contacts.own_forces = vec![0.0; layout.dofs()];
+        contacts.forces = StepForces::new(host.inverse_inertia.to_vec());
         let share = |n: usize| host.inertia[3 * n] / mass[3 * n];
         let points = &contacts.points;
         contacts.weight = points.iter().map(|p| p.place.mean(share)).collect();

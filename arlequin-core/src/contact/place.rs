@@ -5,8 +5,6 @@
 //! pressure then loads each corner with a quarter, as the element does; on two halves, two corners would get
 //! a third and two a sixth.
 
-use super::End;
-use crate::effect::Instant;
 use nalgebra::Vector3;
 
 /// A triangle of a surface: a face with three nodes, or a quarter of one with four.
@@ -117,23 +115,6 @@ impl Place {
     /// Mean of a nodal quantity.
     pub(crate) fn mean(&self, quantity: impl Fn(usize) -> f64) -> f64 {
         self.nodes().map(|(n, w)| w * quantity(n)).sum()
-    }
-
-    /// Velocities of the place during the step, under the forces `f` of others and the `own` forces of the
-    /// effect so far.
-    pub(crate) fn end(&self, instant: &Instant<'_, f64>, inverse: &[f64], f: &[f64], own: &[f64]) -> End {
-        let mut out = End::default();
-        for (n, w) in self.nodes() {
-            for c in 0..3 {
-                let o = 3 * n + c;
-                // As for particles: half of the kick leads to the instant, all of it to half a step later.
-                let kick = instant.dt * inverse[o];
-                out.middle[c] += w * (instant.v_half[o] + kick * (0.5 * f[o] + own[o]));
-                out.after[c] += w * (instant.v_half[o] + kick * (f[o] + own[o]));
-                out.inverse_inertia[c] += w * w * inverse[o];
-            }
-        }
-        out
     }
 
     /// Adds a force at the place to nodal forces.

@@ -380,6 +380,7 @@ impl RigidBody {
             middle: six(middle, spin),
             after: six(after, spin),
             inverse_inertia: six(Vector3::repeat(inverse_mass), Vector3::repeat(inverse_moment)),
+            ..End::default()
         }
     }
 

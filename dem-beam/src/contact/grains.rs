@@ -171,6 +171,7 @@ impl Grains {
             middle: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 0.5)),
             after: [0, 1, 2, 3, 4, 5].map(|c| kick(c, 1.0)),
             inverse_inertia,
+            ..End::default()
         }
     }
 
