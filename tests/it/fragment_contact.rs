@@ -3,13 +3,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
-use crate::support::blocks::{E, H, RHO, material, spheres};
+use crate::support::blocks::{E, H, RHO, material};
 use arlequin::core::contact::{ContactLaw, Exterior, SurfaceContact};
 use arlequin::core::effect::PairSpec;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
-    Coupled, InterfaceOptions, InterfaceSpec, L2, Model, Parts, Profile, Ramp, Silent, Slab, Subdomain,
-    TimeStep, Weights,
+    Coupled, InterfaceOptions, InterfaceSpec, L2, Model, Parts, Profile, Ramp, Sampling, Silent, Slab,
+    Subdomain, TimeStep, Weights,
 };
 use arlequin::dem_beam::packing::{Lattice, lattice};
 use arlequin::dem_beam::{BeamMaterial, ContactBody, DemModel};
@@ -33,21 +33,21 @@ fn body(contact: bool) -> Coupled<f64> {
     let mesh = generate::block(ElementKind::Hex8, Point3::origin(), far, [6, 3, 3]).unwrap();
     let elements = FemModel::new("body", mesh, material()).unwrap();
     let surface = Exterior::surface(&elements).unwrap();
-    let low = Vector3::new(4.0 * H, 0.0, 0.0);
-    let zone = spheres("zone", low, [4, 3, 3], H, Vector3::zeros());
-    // The packing of the zone again, with the fragment.
     let mut packing = lattice(Lattice::Cubic, [8, 6, 6], 0.25 * H).unwrap();
-    packing.positions = zone.nodes().iter().map(|x| x.coords).collect();
-    packing.positions.push(Vector3::new(7.0 * H, 1.4 * H, 3.3 * H));
+    let corner = Vector3::new(4.0, 0.0, 0.0) * H + Vector3::repeat(0.25 * H) - packing.positions[0];
+    packing.positions.iter_mut().for_each(|x| *x += corner);
+    let loose = Vector3::new(7.0, 1.4, 5.0) * H;
+    packing.positions.push(loose);
     packing.radii.push(0.25 * H);
     packing.bodies.push(0);
     packing.loose = true;
     let zone = DemModel::new("zone", &packing, BeamMaterial::SILICA, RHO).unwrap();
     let balls = ContactBody::from_model(&zone).exterior();
-    let (fragment, dofs) = (zone.nodes().len() - 1, zone.layout().dofs());
+    let (fragment, dofs) = (fragment(&zone), zone.layout().dofs());
     let [mut q, mut v] = [(); 2].map(|()| vec![0.0; dofs]);
     // It came loose from the zone and flew over the elements.
-    (q[3 * fragment], v[3 * fragment + 2]) = (-4.9 * H, -SPEED);
+    [q[3 * fragment], q[3 * fragment + 2]] = [-4.9 * H, -1.7 * H];
+    v[3 * fragment + 2] = -SPEED;
     let complement = Weights::complement_of(std::slice::from_ref(&weights));
     let fine = Subdomain::fine(zone, complement).with_initial(q, v).unwrap();
     let mediator = generate::block(ElementKind::Hex8, point(OVERLAP[0]), far, [2, 3, 3]).unwrap();
@@ -66,11 +66,22 @@ fn body(contact: bool) -> Coupled<f64> {
             fine: 1,
             mediator: Arc::new(FemField::new(mediator)),
             junction: Box::new(L2),
-            options: InterfaceOptions::default(),
+            options: InterfaceOptions {
+                sampling: Sampling::Particles,
+                ..InterfaceOptions::default()
+            },
         }],
         pairs: if contact { vec![pair] } else { Vec::new() },
     };
     Coupled::from_parts(parts, TimeStep::Fraction(0.5), None).unwrap()
+}
+
+/// Number of the sphere that is loose: the highest one at rest.
+fn fragment(zone: &dyn Model<f64>) -> usize {
+    let nodes = zone.nodes();
+    (0..nodes.len())
+        .max_by(|a, b| nodes[*a].z.total_cmp(&nodes[*b].z))
+        .unwrap()
 }
 
 #[test]
@@ -96,11 +107,12 @@ fn a_fragment_falls_back_on_its_body_and_what_is_tied_does_not_touch() {
         fact(&run, "most contacts")
     );
     let zone = &run.subdomains()[1];
-    let fragment = 3 * (zone.model().nodes().len() - 1) + 2;
+    let fragment = 3 * fragment(zone.model()) + 2;
     let speed = zone.state().v[fragment];
     assert!(speed > 0.2 * SPEED, "{speed} m/s");
     assert!(created <= 1e-13, "{created:e}");
-    assert!(worst < 1e-12, "{worst:e}");
+    // Over the momentum of one sphere, among the round-off of all bonds.
+    assert!(worst < 1e-11, "{worst:e}");
     // Without contact it passes through.
     let mut free = body(false);
     while free.time() < 2e-5 {

@@ -21,6 +21,7 @@
 use super::closed::{Active, Closed, Proposed};
 use super::exterior::{Exterior, Side};
 use super::facet::Foot;
+use super::forces::Push;
 use super::place::Place;
 use super::search::Near;
 use super::{ContactLaw, End, Pair, Twist};
@@ -104,19 +105,34 @@ fn power(sides: &[Side; 2], a: &Active, v: [&[f64]; 2]) -> f64 {
     a.force.dot(&speed) + a.torque.dot(&sides[s].spin(place, v[s]))
 }
 
-/// Motion of a foot and of point `k` of side `s` during the step.
+/// Returns what a contact with this force and torque on a point does: side and push of the foot, then of the
+/// point.
+fn pushes(
+    sides: &[Side; 2],
+    point: u32,
+    foot: &Place,
+    force: Vector3<f64>,
+    torque: Vector3<f64>,
+) -> [(usize, Push); 2] {
+    let (s, k) = locate(sides, point);
+    let place = &sides[s].points[k].place;
+    [
+        (1 - s, sides[1 - s].push(foot, -force, Vector3::zeros())),
+        (s, sides[s].push(place, force, torque)),
+    ]
+}
+
+/// Motion of the foot and of the point of a contact during the step.
 fn ends(
     sides: &[Side; 2],
-    [s, k]: [usize; 2],
-    foot: &Place,
+    pushes: &[(usize, Push); 2],
     instants: [&Instant<'_, f64>; 2],
     f: &[&mut [f64]; 2],
 ) -> [End; 2] {
-    let point = &sides[s].points[k].place;
-    [
-        sides[1 - s].end(foot, instants[1 - s], f[1 - s]),
-        sides[s].end(point, instants[s], f[s]),
-    ]
+    [0, 1].map(|k: usize| {
+        let (s, push) = &pushes[k];
+        sides[*s].forces.end(push, instants[*s], f[*s])
+    })
 }
 
 impl Contacts {
@@ -187,16 +203,15 @@ impl Contacts {
         self.most = self.most.max(self.closed.active.len());
         let sides = &self.sides;
         self.closed.expect(|a| {
-            let (s, k) = locate(sides, a.point);
-            let [foot, point] = ends(sides, [s, k], &a.foot, instants, f);
+            let pushes = pushes(sides, a.point, &a.foot, a.force, a.torque);
+            let [foot, point] = ends(sides, &pushes, instants, f);
             point.power(&a.force, &a.torque) - foot.power(&a.force, &Vector3::zeros())
         });
         for n in 0..self.closed.active.len() {
             let a = self.closed.active[n];
-            let (s, k) = locate(&self.sides, a.point);
-            let place = self.sides[s].points[k].place;
-            self.sides[s].deliver(&place, f[s]);
-            self.sides[1 - s].deliver(&a.foot, f[1 - s]);
+            for (s, push) in pushes(&self.sides, a.point, &a.foot, a.force, a.torque) {
+                self.sides[s].forces.deliver(&push, f[s]);
+            }
         }
     }
 
@@ -226,9 +241,10 @@ impl Contacts {
         };
         let spring = &mut self.closed.springs[point as usize];
         let proposal = self.closed.law.propose(&pair, false, instants[0].dt, spring);
-        let (r, place) = (&proposal.response, p.place);
-        self.sides[s].propose(&place, &r.force, &r.torque[1]);
-        self.sides[1 - s].propose(&foot.place, &-r.force, &Vector3::zeros());
+        let r = &proposal.response;
+        for (s, push) in pushes(&self.sides, point, &foot.place, r.force, r.torque[1]) {
+            self.sides[s].forces.propose(&push);
+        }
         self.closed.proposed.push(Proposed {
             point,
             foot: foot.place,
@@ -237,18 +253,20 @@ impl Contacts {
     }
 
     fn decide(&mut self, p: Proposed, instants: [&Instant<'_, f64>; 2], f: &[&mut [f64]; 2]) {
-        let (s, k) = locate(&self.sides, p.point);
-        let (place, r) = (self.sides[s].points[k].place, &p.proposal.response);
-        self.sides[s].withdraw(&place, &r.force, &r.torque[1]);
-        self.sides[1 - s].withdraw(&p.foot, &-r.force, &Vector3::zeros());
-        let ends = ends(&self.sides, [s, k], &p.foot, instants, f);
+        let r = &p.proposal.response;
+        let proposed = pushes(&self.sides, p.point, &p.foot, r.force, r.torque[1]);
+        for (s, push) in &proposed {
+            self.sides[*s].forces.withdraw(push);
+        }
+        let ends = ends(&self.sides, &proposed, instants, f);
         let spring = &mut self.closed.springs[p.point as usize];
         let r = self
             .closed
             .law
             .decide(&p.proposal, || ends, instants[0].dt, spring);
-        self.sides[s].decide(&place, &r.force, &r.torque[1]);
-        self.sides[1 - s].decide(&p.foot, &-r.force, &Vector3::zeros());
+        for (s, push) in pushes(&self.sides, p.point, &p.foot, r.force, r.torque[1]) {
+            self.sides[s].forces.decide(&push);
+        }
         self.closed.active.push(Active {
             point: p.point,
             foot: p.foot,
@@ -382,13 +400,9 @@ impl PairEffect<f64> for Contacts {
 
     fn add_contact(&self, side: usize, f: &mut [f64]) -> bool {
         for a in &self.closed.active {
-            let (s, k) = locate(&self.sides, a.point);
-            if s == side {
-                let place = &self.sides[s].points[k].place;
-                self.sides[s].add(place, &a.force, &a.torque, f);
-            } else {
-                a.foot.add(&-a.force, f);
-            }
+            let pushes = pushes(&self.sides, a.point, &a.foot, a.force, a.torque);
+            let own = pushes.iter().filter(|p| p.0 == side);
+            own.for_each(|p| p.1.add(f));
         }
         true
     }

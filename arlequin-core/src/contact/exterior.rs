@@ -1,19 +1,20 @@
 //! The exterior of a model, which touches that of another: the facets of a surface, or spheres.
 
+use super::ContactLaw;
 use super::facet::{self, Facet, Foot};
-use super::forces::{self, StepForces};
+use super::forces::{Push, StepForces};
 use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
-use super::{ContactLaw, End};
-use crate::effect::{Host, Instant};
+use crate::effect::Host;
 use crate::error::invalid;
 use crate::model::Model;
 use crate::weight::Uniform;
 use crate::{Error, Result};
 use nalgebra::{Point3, Vector3};
 
-/// Spacing of the points on a facet over the size of the smaller facets.
-const SPACING: f64 = 0.5;
+/// Spacing of the points on a facet over the size of the smaller facets: a uniform pressure then errs by less
+/// than one per cent at any node of two unlike meshes (0.5: 1.4 per cent at half the cost).
+const SPACING: f64 = 0.34;
 /// Least spacing of the points over the longest edge of a surface.
 const FINEST: f64 = 1.0 / 16.0;
 /// Part of the stiffness that each of two surfaces contributes, as the points of both act.
@@ -138,9 +139,7 @@ impl Exterior {
                     (b - a).norm().max((c - b).norm()).max((a - c).norm())
                 };
                 let longest = triangles.iter().map(edge).fold(0.0, f64::max);
-                let spacing = (std::env::var("SP").map_or(SPACING, |x| x.parse().unwrap())
-                    * self.size().min(other.size()))
-                .max(FINEST * longest);
+                let spacing = (SPACING * self.size().min(other.size())).max(FINEST * longest);
                 let object = format!("the surface of '{}'", self.name);
                 let mut points = points::points(&object, triangles, &self.nodes, spacing)?;
                 points.iter_mut().for_each(|p| p.stiffness *= BOTH);
@@ -178,7 +177,7 @@ pub(super) struct Side {
     unweighted: Vec<f64>,
     /// Area of each node on the facets \[m²\].
     area: Vec<f64>,
-    forces: StepForces,
+    pub(super) forces: StepForces,
 }
 
 impl Side {
@@ -270,34 +269,14 @@ impl Side {
             .then(|| 3 * (self.rest.len() + place.nodes[0] as usize))
     }
 
-    /// Velocities of a place during the step, under the forces `f` of others and those of this effect.
-    pub(super) fn end(&self, place: &Place, instant: &Instant<'_, f64>, f: &[f64]) -> End {
-        self.forces.end(place, self.turning(place), instant, f)
-    }
-
-    /// Proposes a force and a torque at a place.
-    pub(super) fn propose(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
-        self.forces.propose(place, self.turning(place), force, torque);
-    }
-
-    /// Withdraws what was proposed.
-    pub(super) fn withdraw(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
-        self.forces.withdraw(place, self.turning(place), force, torque);
-    }
-
-    /// Adds a force and a torque of this effect at a place to those of this step.
-    pub(super) fn decide(&mut self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>) {
-        self.forces.decide(place, self.turning(place), force, torque);
-    }
-
-    /// Adds a force and a torque at a place to `f`.
-    pub(super) fn add(&self, place: &Place, force: &Vector3<f64>, torque: &Vector3<f64>, f: &mut [f64]) {
-        forces::add(f, place, self.turning(place), force, torque);
-    }
-
-    /// Moves this effect's forces at a place to `f`. A second call for the same nodes adds nothing.
-    pub(super) fn deliver(&mut self, place: &Place, f: &mut [f64]) {
-        self.forces.deliver(place, self.turning(place), f);
+    /// A force and a torque at a place.
+    pub(super) fn push(&self, place: &Place, force: Vector3<f64>, torque: Vector3<f64>) -> Push {
+        Push {
+            place: *place,
+            turning: self.turning(place),
+            force,
+            torque,
+        }
     }
 
     /// Stiffness over the modulus \[m\] and mass \[kg\] for the dashpot of point `k` with a foot on `other`.

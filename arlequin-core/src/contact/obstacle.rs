@@ -9,7 +9,7 @@
 //! on the number of threads. A step allocates nothing except where the list of near points grows.
 
 use super::closed::{Active, Closed, Proposed};
-use super::forces::StepForces;
+use super::forces::{Push, StepForces};
 use super::place::{Place, Triangle};
 use super::points::{self, SurfacePoint};
 use super::{ContactLaw, Pair, RigidBody, SharedBody, Twist};
@@ -61,6 +61,16 @@ struct Near {
     built: Vec<Vector3<f64>>,
     moved: Vector3<f64>,
     is_built: bool,
+}
+
+/// A force on a point.
+fn push(point: &SurfacePoint, force: Vector3<f64>) -> Push {
+    Push {
+        place: point.place,
+        turning: None,
+        force,
+        torque: Vector3::zeros(),
+    }
 }
 
 impl SurfaceObstacle {
@@ -202,11 +212,12 @@ impl Contacts {
         self.closed.end(instant.dt);
         let (points, forces) = (&self.points, &self.forces);
         self.closed.expect(|a| {
-            let place = &points[a.point as usize].place;
-            forces.end(place, None, instant, f).power(&a.force, &a.torque)
+            let push = push(&points[a.point as usize], a.force);
+            forces.end(&push, instant, f).power(&a.force, &a.torque)
         });
         for a in &self.closed.active {
-            self.forces.deliver(&self.points[a.point as usize].place, None, f);
+            let push = push(&self.points[a.point as usize], a.force);
+            self.forces.deliver(&push, f);
         }
     }
 
@@ -243,8 +254,7 @@ impl Contacts {
             .closed
             .law
             .propose(&pair, turns.is_some(), instant.dt, spring);
-        let force = &proposal.response.force;
-        self.forces.propose(&point.place, None, force, &Vector3::zeros());
+        self.forces.propose(&push(point, proposal.response.force));
         self.closed.proposed.push(Proposed {
             point: k as u32,
             foot: Place::default(),
@@ -253,14 +263,13 @@ impl Contacts {
     }
 
     fn decide(&mut self, p: Proposed, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &[f64]) {
-        let place = &self.points[p.point as usize].place;
-        let zero = Vector3::zeros();
-        let proposed = &p.proposal.response.force;
-        self.forces.withdraw(place, None, proposed, &zero);
-        let ends = || [rigid.end(instant), self.forces.end(place, None, instant, f)];
+        let point = &self.points[p.point as usize];
+        let proposed = push(point, p.proposal.response.force);
+        self.forces.withdraw(&proposed);
+        let ends = || [rigid.end(instant), self.forces.end(&proposed, instant, f)];
         let spring = &mut self.closed.springs[p.point as usize];
         let r = self.closed.law.decide(&p.proposal, ends, instant.dt, spring);
-        self.forces.decide(place, None, &r.force, &zero);
+        self.forces.decide(&push(point, r.force));
         rigid.push(self.share, &-r.force, &r.torque[0]);
         self.closed.active.push(Active {
             point: p.point,

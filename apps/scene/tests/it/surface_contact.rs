@@ -170,3 +170,123 @@ fn a_closed_surface_strikes_as_the_exact_shape() {
     let open = struck_by(solid, &inverted_cube()[1..]).expect_err("open");
     assert!(open.contains("effect[0].obstacle.shape.solid.file"), "{open}");
 }
+
+/// A ball of radius 60 mm pressed into a block of elements by 0.27 mm, with a zone of spheres or without one.
+/// Its centre is above `x` \[m\].
+fn pressed(x: f64, with_zone: bool) -> f64 {
+    let zone = "[zone.struck]
+kind = \"dem\"
+spacing = 0.6e-3
+shape.ball = { centre = [0.0, 0.0, 0.0], radius = 6e-3 }
+overlap.width = 3.55e-3
+dem.protocol = \"quench\"
+";
+    let text = format!(
+        "[body]
+kind = \"fem\"
+shape.box = {{ low = [-14e-3, -14e-3, -14e-3], high = [14e-3, 14e-3, 0.0] }}
+spacing = 1e-3
+material = {{ young = 72.5e9, poisson = 0.174, density = 2200.0 }}
+{}
+[[support]]
+model = \"body\"
+where = \"z-min\"
+
+[[effect]]
+mass_damping = {{ rate = 4e5 }}
+
+[[effect]]
+models = [\"body\"]
+[effect.obstacle]
+name = \"ball\"
+shape.sphere = {{ centre = [{x:e}, 0.0, 60e-3], radius = 60e-3 }}
+displacement = {{ amplitude = [0.0, 0.0, -0.267e-3], time.ramp = {{ duration = 25e-6 }} }}
+contact = {{ modulus = 725e9 }}
+
+[time]
+end = 45e-6
+
+[output]
+interval = 45e-6
+
+[probe.ball]
+of = \"ball\"
+quantity = \"force\"
+component = \"z\"
+",
+        if with_zone { zone } else { "" }
+    );
+    let scene = Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}"));
+    let prepared = scene.prepare().unwrap_or_else(|e| panic!("{e}"));
+    let results = prepared.run(&mut Silent).unwrap_or_else(|e| panic!("{e}"));
+    let (_, forces) = results.probe("ball").expect("probe");
+    *forces.last().expect("force")
+}
+
+/// The force of a ball, which is that of Hertz on elements, is the same on particles and on the border between
+/// them and the elements.
+#[test]
+#[ignore = "two minutes"]
+fn a_ball_feels_the_same_force_on_elements_particles_and_the_border_between_them() {
+    for x in [0.0, 6e-3] {
+        let [elements, zone] = [false, true].map(|with_zone| pressed(x, with_zone));
+        assert!(
+            (zone / elements - 1.0).abs() < 0.02,
+            "{x}: {zone} N, {elements} N"
+        );
+    }
+}
+
+/// A cube of 4 mm falls on a floor, corner first, at 20 m/s: a body with a zone at that corner, or particles
+/// alone. The floor gives it between one and two times its momentum, and no energy is created.
+#[test]
+fn a_body_with_a_zone_and_a_packing_fall_on_a_floor_corner_first() {
+    let shape = "shape.box = { low = [0.0, 0.0, 0.0], high = [4e-3, 4e-3, 4e-3] }
+material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }
+";
+    let zone = "[zone.corner]
+kind = \"dem\"
+spacing = 0.5e-3
+shape.ball = { centre = [0.0, 0.0, 0.0], radius = 1.2e-3 }
+overlap.width = 1.8e-3
+dem.protocol = \"quench\"
+";
+    let with_zone = format!("[body]\nkind = \"fem\"\nspacing = 0.8e-3\n{shape}{zone}");
+    let particles = format!("[model.body]\nkind = \"dem\"\nspacing = 0.5e-3\n{shape}");
+    let effects = "
+[[initial]]
+velocity.uniform = [-11.5, -11.5, -11.5]
+
+[[effect]]
+models = [\"body\"]
+[effect.obstacle]
+name = \"floor\"
+shape.plane = { point = [-1e-5, -1e-5, -1e-5], normal = [1.0, 1.0, 1.0] }
+contact = { restitution = 1.0 }
+
+[time]
+end = 12e-6
+
+[probe.floor]
+of = \"floor\"
+quantity = \"force\"
+component = \"x\"
+";
+    let momentum = 11.5 * 2200.0 * 4e-3_f64.powi(3);
+    for (name, models) in [("zone", with_zone), ("particles", particles)] {
+        let scene = Scene::from_text(&format!("{models}{effects}")).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let prepared = scene.prepare().unwrap_or_else(|e| panic!("{name}: {e}"));
+        let results = prepared
+            .run(&mut Silent)
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        let (times, forces) = results.probe("floor").expect("floor");
+        let steps = times.windows(2).zip(forces.windows(2));
+        let impulse: f64 = steps.map(|(t, f)| 0.5 * (t[1] - t[0]) * (f[0] + f[1])).sum();
+        let (ratio, created) = (impulse / momentum, results.summary().energy.created_max);
+        assert!(ratio > 1.2 && ratio < 2.0, "{name}: {ratio}");
+        assert!(created < 1e-12, "{name}: {created:e}");
+        let warnings = &results.summary().warnings;
+        let inside = warnings.iter().find(|w| w.contains("is inside the"));
+        assert!(inside.is_none(), "{name}: {inside:?}");
+    }
+}
