@@ -265,7 +265,7 @@ shape.plane = { point = [-1e-5, -1e-5, -1e-5], normal = [1.0, 1.0, 1.0] }
 contact = { restitution = 1.0 }
 
 [time]
-end = 12e-6
+end = 40e-6
 
 [probe.floor]
 of = \"floor\"
