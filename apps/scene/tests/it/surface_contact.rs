@@ -283,7 +283,8 @@ component = \"x\"
         let steps = times.windows(2).zip(forces.windows(2));
         let impulse: f64 = steps.map(|(t, f)| 0.5 * (t[1] - t[0]) * (f[0] + f[1])).sum();
         let (ratio, created) = (impulse / momentum, results.summary().energy.created_max);
-        assert!(ratio > 1.2 && ratio < 2.0, "{name}: {ratio}");
+        // The mass of spheres at the surface is that of the shape within a per cent.
+        assert!(ratio > 1.8 && ratio < 2.02, "{name}: {ratio}");
         assert!(created < 1e-12, "{name}: {created:e}");
         let warnings = &results.summary().warnings;
         let inside = warnings.iter().find(|w| w.contains("is inside the"));
