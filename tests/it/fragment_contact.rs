@@ -1,5 +1,5 @@
-//! A fragment of a zone falls back on the body of the zone: what an interface ties does not touch itself, what
-//! has come loose does.
+//! A fragment of a zone falls back on the body of the zone: what an interface ties does not touch itself,
+//! what has come loose does.
 
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 

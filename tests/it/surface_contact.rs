@@ -472,8 +472,9 @@ fn graded(fine: usize, coarse: usize) -> Vec<f64> {
     out
 }
 
-/// Hertz, `F = 4/3 E/(1 − ν²) √R δ^1.5`: a rigid ball in a quarter of a half-space of hexahedra, with five of them
-/// over the radius of contact. A contact ten times as stiff has less compliance of its own, and is as quiet.
+/// Hertz, `F = 4/3 E/(1 − ν²) √R δ^1.5`: a rigid ball in a quarter of a half-space of hexahedra, with five
+/// of them over the radius of contact. A contact ten times as stiff has less compliance of its own, and is
+/// as quiet.
 #[test]
 fn a_ball_on_elements_feels_the_force_of_hertz() {
     for (modulus, limit) in [(E, 0.03), (10.0 * E, 0.05)] {

@@ -8,16 +8,16 @@
 //!                         c = dt^2/2 F.M^-1 g
 //! ```
 //!
-//! with the other forces `f` of the instant, the forces `g` of the contacts that were taken before this one, and
-//! those `h` that the contacts after it would have if they were not scaled; in `h`, and in the `g` of `c`, only
-//! components with the sign of `F` count. Contacts are taken one after the other, so their works sum to what
-//! the ledger books, `dt F.(v_- + v_+)/2`, however many contacts share a particle. Two contacts that push a
-//! node to the same side have half of their common work each, so contacts at rest do none. With `h = 0` and
-//! `c = 0` the first of them would take in what the second gives, in each step, and the budgets would scale
-//! forces that balance each other. `c` is never negative: a contact may always give up its force. The budget of a contact is the energy
-//! that it took in since touch, and `s` is the largest number up to one whose work the budget covers. A spring
-//! alone does not conserve energy: it closes and opens between two instants, which adds or removes up to
-//! `(omega dt)^2/4` of the energy of the approach.
+//! with the other forces `f` of the instant, the forces `g` of the contacts that were taken before this
+//! one, and those `h` that the contacts after it would have if they were not scaled; in `h`, and in the `g`
+//! of `c`, only components with the sign of `F` count. Contacts are taken one after the other, so their
+//! works sum to what the ledger books, `dt F.(v_- + v_+)/2`, however many contacts share a particle. Two
+//! contacts that push a node to the same side have half of their common work each, so contacts at rest do
+//! none. With `h = 0` and `c = 0` the first of them would take in what the second gives, in each step, and
+//! the budgets would scale forces that balance each other. `c` is never negative: a contact may always give
+//! up its force. The budget of a contact is the energy that it took in since touch, and `s` is the largest
+//! number up to one whose work the budget covers. A spring alone does not conserve energy: it closes and
+//! opens between two instants, which adds or removes up to `(omega dt)^2/4` of the energy of the approach.
 //!
 //! Multipliers, and effects that are computed later, act on the ends in a way that the contact learns in the
 //! next step ([`Spring::settle`]). If it has opened by then, it cannot give energy back. It therefore holds

@@ -1,6 +1,7 @@
-//! Forces of a contact effect on the unknowns of one model within a step: those of the contacts that have been
-//! decided, and those that the others propose. Positive and negative components are summed apart: two contacts
-//! share their common work only where both push an unknown to the same side (see [`super::budget`]).
+//! Forces of a contact effect on the unknowns of one model within a step: those of the contacts that have
+//! been decided, and those that the others propose. Positive and negative components are summed apart: two
+//! contacts share their common work only where both push an unknown to the same side (see
+//! [`super::budget`]).
 
 use super::End;
 use super::place::Place;

@@ -1,7 +1,8 @@
 //! Faces of the surface of a body: triangles, and quadrilaterals where four nodes lie on a circle.
 //!
-//! Natural-neighbour functions do not depend on how such nodes are divided into tetrahedra, so contact and loads
-//! must not depend on the diagonal either: a uniform pressure gives each corner of a rectangle a quarter.
+//! Natural-neighbour functions do not depend on how such nodes are divided into tetrahedra, so contact and
+//! loads must not depend on the diagonal either: a uniform pressure gives each corner of a rectangle a
+//! quarter.
 
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
@@ -42,8 +43,8 @@ pub(super) fn faces(nodes: &[Point3<f64>], triangles: impl Iterator<Item = [usiz
     out
 }
 
-/// Returns whether the corners of a quadrilateral lie in a plane and on a circle: its opposite angles then sum
-/// to `π`.
+/// Returns whether the corners of a quadrilateral lie in a plane and on a circle: its opposite angles then
+/// sum to `π`.
 fn is_on_circle([a, b, c, d]: [Point3<f64>; 4]) -> bool {
     let angle = |from: Vector3<f64>, to: Vector3<f64>| (from.cross(&to), from.dot(&to));
     let [(sin_b, cos_b), (sin_d, cos_d)] = [angle(c - b, a - b), angle(a - d, c - d)];

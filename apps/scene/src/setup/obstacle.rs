@@ -121,7 +121,7 @@ fn shape(path: &str, shape: &ObstacleShape) -> Result<RigidShape> {
         } => {
             let path = format!("{path}.solid");
             let scale = scale.unwrap_or(1.0);
-            if !(scale > 0.0) {
+            if !scale.is_finite() || scale <= 0.0 {
                 return Err(value(format!("{path}.scale"), scale, "must be positive [m]"));
             }
             let path = format!("{path}.file");

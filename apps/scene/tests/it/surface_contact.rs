@@ -223,8 +223,8 @@ component = \"z\"
     *forces.last().expect("force")
 }
 
-/// The force of a ball, which is that of Hertz on elements, is the same on particles and on the border between
-/// them and the elements.
+/// The force of a ball, which is that of Hertz on elements, is the same on particles and on the border
+/// between them and the elements.
 #[test]
 #[ignore = "two minutes"]
 fn a_ball_feels_the_same_force_on_elements_particles_and_the_border_between_them() {
@@ -274,7 +274,7 @@ component = \"x\"
 ";
     let momentum = 11.5 * 2200.0 * 4e-3_f64.powi(3);
     for (name, models) in [("zone", with_zone), ("particles", particles)] {
-        let scene = Scene::from_text(&format!("{models}{effects}")).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let scene = Scene::from_text(format!("{models}{effects}")).unwrap_or_else(|e| panic!("{name}: {e}"));
         let prepared = scene.prepare().unwrap_or_else(|e| panic!("{name}: {e}"));
         let results = prepared
             .run(&mut Silent)
