@@ -4,7 +4,6 @@ use crate::error::{Error, Result, key, write};
 use crate::report;
 use arlequin_scene::Scene;
 use arlequin_scene::compare::{Options, compare as measure, method};
-use arlequin_scene::output::mark;
 use std::path::{Path, PathBuf};
 
 /// Methods to compare, and where the tables go.
@@ -16,9 +15,6 @@ pub(crate) struct Choice {
     /// Stiffness of the springs of `penalty` over that of the particle they hold.
     #[arg(long, value_name = "RATIO", default_value_t = 1.0)]
     penalty: f64,
-    /// Write compare.csv, compare.md and compare.json into this folder.
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
     /// Replace the table of this scene in a page, between `<!-- table NAME -->` and `<!-- end -->`.
     #[arg(long, value_name = "PAGE.md")]
     page: Option<PathBuf>,
@@ -33,34 +29,21 @@ pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> 
     };
     let stem = scene.source().path.file_stem().unwrap_or_default();
     // Found before minutes of work, as are wrong words.
-    let page = choice.page.as_deref();
-    let around = page
-        .map(|p| text_around(p, &stem.to_string_lossy()))
-        .transpose()?;
-    if let Some(out) = &choice.out {
-        std::fs::create_dir_all(out).map_err(write(out))?;
-        mark::claim("--out", out)?;
-    }
+    let around = |page| text_around(page, &stem.to_string_lossy());
+    let around = choice.page.as_deref().map(around).transpose()?;
     let mut progress = report::phase_reporter();
     let board = measure(scene, &options, &mut progress)?;
     drop(progress);
-    let table = report::compare::markdown(&board);
-    let save = |path: &Path, text: &str| std::fs::write(path, text).map_err(write(path));
-    if let Some(out) = &choice.out {
-        save(&out.join("compare.csv"), &report::compare::csv(&board))?;
-        save(&out.join("compare.md"), &table)?;
-        save(&out.join("compare.json"), &(report::pretty(&board)? + "\n"))?;
+    if let (Some(page), Some([before, end, behind])) = (&choice.page, around) {
+        let table = report::compare::table(&board).replace('\n', &end);
+        std::fs::write(page, before + &table + &behind).map_err(write(page))?;
     }
-    if let (Some(page), Some([before, end, behind])) = (page, around) {
-        save(
-            page,
-            &format!("{before}{end}{}{behind}", table.replace('\n', &end)),
-        )?;
-    }
-    report::result(&board, json, report::compare::board)
+    report::result(&board, json, |board| {
+        report::text(&format!("{}\n\n{}", board.scene, report::compare::table(board)));
+    })
 }
 
-/// Text of a page before the table of a scene, the line end of the page, and the text behind the table.
+/// Returns the text of a page before the table of a scene, its line end, and the text behind the table.
 fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
     let read = |source| Error::Read {
         path: path.to_owned(),
@@ -75,9 +58,9 @@ fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
     let parts = text.split_once(&begin).and_then(|(before, after)| {
         let (_, behind) = after.split_once(stop)?;
         Some([
-            format!("{before}{begin}"),
+            before.to_owned() + &begin + end,
             end.to_owned(),
-            format!("{stop}{behind}"),
+            stop.to_owned() + behind,
         ])
     });
     let rule = format!("has no place for a table between '{begin}' and '{stop}'; add one");

@@ -1,14 +1,14 @@
 //! The models of a scene, and each of them in the place of both, as linear systems for any weights.
 
 use super::sparse::Followers;
-use super::system::{Places, System};
+use super::system::{Place, System};
 use super::union::united;
 use crate::error::{Error, Result, core, key, value};
 use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredScene, OverlapSource};
-use crate::spec::{Method, OverlapShape};
+use crate::spec::{Method, OverlapShape, Shape};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Vector3, center};
-use arlequin::core::sprs::{CsMat, bmat, hstack};
+use arlequin::core::sprs::{CsMat, TriMat, hstack};
 use arlequin::core::{Elastic, Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
 use std::path::Path;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(super) struct Case {
 /// A model on its own.
 pub(super) struct Part {
     body: Body,
-    pub(super) places: Places,
+    pub(super) places: Vec<Place>,
     /// Masses without weights.
     pub(super) full: Vec<f64>,
 }
@@ -89,7 +89,7 @@ impl Case {
         let [coarse, fine] = [coarse, fine].map(|x| Point3::from(*x));
         let frame = (coarse, (fine - coarse).normalize());
         let names = [&table.coarse, &table.fine];
-        united(&scene, names, frame.1)?;
+        let shape = united(&scene, names, frame.1)?;
         let (bodies, interface) = setup::parts(&scene, folder, announce)?;
         let interface = single(interface)?;
         let sides = [interface.spec.coarse, interface.spec.fine];
@@ -104,10 +104,10 @@ impl Case {
         if sides[COARSE] > sides[FINE] {
             bodies.reverse();
         }
-        bodies.push(everywhere((&scene, folder), names, frame, announce)?);
+        bodies.push(everywhere((&scene, folder), names, &shape, announce)?);
         if bodies[COARSE].model.layout().components == 1 {
             let reversed = [names[1], names[0]];
-            bodies.push(everywhere((&scene, folder), reversed, frame, &mut |_, _, _| ())?);
+            bodies.push(everywhere((&scene, folder), reversed, &shape, &mut |_, _, _| ())?);
         }
         let material = bodies[FINE].material.as_ref().map(Elastic::bar_speed);
         Ok(Self {
@@ -130,33 +130,26 @@ impl Case {
     /// Systems of one or two models as one, each with weights of stiffness and masses, without coupling. A
     /// model without weights lends its shape functions only.
     pub(super) fn assemble(&mut self, models: &[(usize, Weighted<'_>)]) -> Result<System> {
-        let (mut places, mut mass, mut full) = (Places::default(), Vec::new(), Vec::new());
-        let mut blocks: Option<CsMat<f64>> = None;
+        let (mut places, mut mass, mut full, mut split) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let size = models.iter().map(|(k, _)| self.parts[*k].full.len()).sum();
+        let mut entries = TriMat::new((size, size));
         for (k, weights) in models {
             let part = &mut self.parts[*k];
-            let n = part.full.len();
-            places.append(&part.places);
+            split = places.len();
+            places.extend(&part.places);
             full.extend(&part.full);
-            let block = match weights {
-                None => {
-                    mass.resize(mass.len() + n, 0.0);
-                    CsMat::zero((n, n))
-                }
-                Some([internal, kinetic]) => {
-                    mass.extend(masses(&part.body, *kinetic)?);
-                    let model = &mut part.body.model;
-                    let weighted = model.set_internal_weight(*internal);
-                    weighted.map_err(core(format!("model.{}", part.body.model.name())))?;
-                    stiffness(&part.body)?
-                }
+            let Some([internal, kinetic]) = weights else {
+                mass.resize(places.len(), 0.0);
+                continue;
             };
-            blocks = Some(match blocks {
-                None => block,
-                Some(before) => bmat(&[[Some(before.view()), None], [None, Some(block.view())]]),
-            });
+            mass.extend(masses(&part.body, *kinetic)?);
+            let weighted = part.body.model.set_internal_weight(*internal);
+            weighted.map_err(core(format!("model.{}", part.body.model.name())))?;
+            let block = stiffness(&part.body)?;
+            let block = block.iter().map(|(v, (i, j))| (split + i, split + j, *v));
+            block.for_each(|(i, j, v)| entries.add_triplet(i, j, v));
         }
-        let stiffness = blocks.unwrap_or_else(|| CsMat::zero((0, 0)));
-        Ok(System::new(Arc::new(places), mass, &full, stiffness))
+        Ok(System::new((places.into(), split), mass, &full, entries.to_csr()))
     }
 
     /// Weighted systems of both models as one, without coupling.
@@ -186,13 +179,12 @@ impl Case {
     /// Moves a node on a border into the overlap, so that round-off does not decide whether it has a weight.
     fn rounded(&self, x: Point3<f64>) -> Point3<f64> {
         let (s, r) = (self.distance(&x), 1e-9 * self.width);
-        let is_near = s > -r && s < self.width + r;
-        let shift = if is_near {
-            s.clamp(r, self.width - r) - s
+        let shift = s.clamp(r, self.width - r) - s;
+        if shift.abs() > 2.0 * r {
+            x
         } else {
-            0.0
-        };
-        x + self.frame.1 * shift
+            x + self.frame.1 * shift
+        }
     }
 
     /// Weight by the distances of the nearest and the farthest corner of a cell from the coarse border.
@@ -231,41 +223,31 @@ impl Case {
         self.parts[COARSE].body.model.layout().components
     }
 
-    /// Nodes of a model in a range of distances from the coarse border, with the shape functions of another
-    /// one.
-    pub(super) fn shapes(
+    /// Lets nodes of a model in a range of distances that `choose` takes, by their first unknown, follow the
+    /// field of another model. Nodes outside of the field are left out. Unknowns of the coarse model come
+    /// first, and those of a mesh that the fine model everywhere follows.
+    pub(super) fn followers(
         &self,
         [field, points]: [usize; 2],
         range: [f64; 2],
-    ) -> impl Iterator<Item = (usize, arlequin::core::Result<ShapeRow<f64>>)> {
-        let rounded = 1e-9 * self.width;
+        choose: &dyn Fn(usize) -> bool,
+    ) -> Followers {
+        let [shift, first] = [field, points].map(|k| self.parts[k].full.len());
+        let [shift, first] = if points == COARSE { [first, 0] } else { [0, shift] };
+        let (d, rounded) = (self.components(), 1e-9 * self.width);
         let nodes = self.parts[points].body.model.nodes().iter().enumerate();
-        let nodes = nodes.filter(move |(_, x)| {
+        let nodes = nodes.filter(|(_, x)| {
             let distance = self.distance(x);
             distance >= range[0] - rounded && distance <= range[1] + rounded
         });
-        nodes.map(move |(k, x)| {
+        let chosen = nodes.filter(|(k, _)| choose(first + k * d));
+        let rows = chosen.filter_map(|(k, x)| {
             let mut row = ShapeRow::default();
-            let field = &self.parts[field].body.field;
-            (k, field.shape_at(x, false, &mut row).map(|()| row))
-        })
-    }
-
-    /// Lets nodes of a model in a range of distances that `choose` takes, by their first unknown, follow the
-    /// field of another model, whose unknowns come before. Nodes outside of the field are left out.
-    pub(super) fn followers(
-        &self,
-        models: [usize; 2],
-        range: [f64; 2],
-        choose: &dyn Fn(usize) -> bool,
-    ) -> Followers {
-        let [first, more] = models.map(|k| self.parts[k].full.len());
-        let d = self.components();
-        let nodes = self
-            .shapes(models, range)
-            .filter_map(|(k, row)| Some((first + k * d, 0, row.ok()?)));
-        let nodes: Vec<_> = nodes.filter(|(i, ..)| choose(*i)).collect();
-        Followers::new(first + more, d, &nodes)
+            let found = self.parts[field].body.field.shape_at(x, false, &mut row);
+            found.ok().map(|()| (first + k * d, row))
+        });
+        let size = [field, points].map(|k| self.parts[k].full.len());
+        Followers::new(size[0] + size[1], d, shift, rows)
     }
 
     /// Refuses a method by its name, with the reason and the remedy.
@@ -288,7 +270,7 @@ impl Case {
     /// # Errors
     /// A region without room for a pulse that the coarse model carries.
     pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
-        let x = |k: usize| self.parts[k].places.x.iter().copied();
+        let x = |k: usize| self.parts[k].places.iter().map(|p| p.x);
         let lengths = [
             -x(COARSE).fold(0.0, f64::min),
             x(FINE).fold(0.0, f64::max) - self.width,
@@ -356,15 +338,13 @@ fn single<T>(mut built: Vec<T>) -> Result<T> {
     built.pop().ok_or_else(|| key("interface", "is missing"))
 }
 
-/// Builds one model over the place of both; `names` are the model that goes and the one that stays.
+/// Builds one model over the place of both, from the model that goes and the one that stays.
 fn everywhere(
     (scene, folder): (&LoweredScene, &Path),
-    names: [&String; 2],
-    frame: Frame,
+    [gone, kept]: [&String; 2],
+    shape: &Shape,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body> {
-    let shape = united(scene, names, frame.1)?;
-    let [gone, kept] = names;
     let mut whole = scene.clone();
     whole.interface.clear();
     whole.model.remove(gone);
@@ -373,7 +353,7 @@ fn everywhere(
             let rule = "is missing: the comparison builds the model in the place of both; give spacing";
             return Err(key(format!("model.{kept}.spacing"), rule));
         }
-        model.shape = BodyShape::Given(shape);
+        model.shape = BodyShape::Given(shape.clone());
         model.role = None;
     }
     single(setup::parts(&whole, folder, announce)?.0)
@@ -400,25 +380,24 @@ fn masses(body: &Body, weight: &dyn Weight<f64>) -> Result<Vec<f64>> {
 }
 
 /// Places of the unknowns of a model.
-fn places(body: &Body, (origin, axis): Frame) -> Places {
-    let mut out = Places::default();
+fn places(body: &Body, (origin, axis): Frame) -> Vec<Place> {
     let (layout, nodes) = (body.model.layout(), body.model.nodes());
     let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
-    let [low, high] = nodes
-        .iter()
-        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
+    let ends = nodes.iter().fold(ends, |[a, b], x| [a.inf(x), b.sup(x)]);
     // Nothing moves across a line.
     let poisson = body.material.as_ref().filter(|_| layout.components == 3);
     let poisson = poisson.map_or(0.0, |m| m.poisson());
-    for d in 0..layout.dofs() {
+    let place = |d: usize| {
         let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
-        let offset = node - center(&low, &high);
+        let offset = node - center(&ends[0], &ends[1]);
         let across = poisson * (offset - axis * offset.dot(&axis));
         let moves = d < layout.translations();
-        out.x.push((node - origin).dot(&axis));
-        out.axial.push(if moves { axis[c] } else { 0.0 });
-        out.across.push(if moves { across[c] } else { 0.0 });
-        out.moves.push(moves);
-    }
-    out
+        Place {
+            x: (node - origin).dot(&axis),
+            axial: if moves { axis[c] } else { 0.0 },
+            across: if moves { across[c] } else { 0.0 },
+            moves,
+        }
+    };
+    (0..layout.dofs()).map(place).collect()
 }

@@ -24,8 +24,7 @@ use std::time::Instant;
 /// Options of a comparison.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Methods, in the order of the rows; the default comes first in any case, and a word given twice counts
-    /// once. Empty: that of the interface, or all if it is the default.
+    /// Methods beside the default. Empty: that of the interface, or all if it is the default.
     pub methods: Vec<Method>,
     /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
     pub penalty: f64,
@@ -84,8 +83,6 @@ pub struct Row {
     pub cost: f64,
     /// Wall time of the set-up of the coupling \[s\].
     pub setup: f64,
-    /// Wall time of the steps per simulated time, over that of the default \[–\].
-    pub time: f64,
 }
 
 /// Couples the models of a scene by each method and measures them.
@@ -129,36 +126,29 @@ pub fn compare(
         }
     }
     rows.push(last);
-    let [critical, cost, time] = [rows[0].critical, rows[0].cost, rows[0].time];
+    let [critical, cost] = [rows[0].critical, rows[0].cost];
     for r in &mut rows {
         r.critical /= critical;
         r.cost /= cost;
-        r.time /= time;
     }
     Ok(Board {
         scene: scene.source().path.display().to_string(),
-        pulse: waves.down.0.half / case.spacing[0],
-        packet: waves.packet.map(|(wave, _)| wave.length / case.spacing[0]),
+        pulse: waves.down.half / case.spacing[0],
+        packet: waves.packet.map(|wave| wave.length / case.spacing[0]),
         rows,
         refused,
     })
 }
 
-/// Methods in the order of their rows, each once, the default first.
+/// Methods of the rows, each once, the default first.
 fn chosen(scene: &Scene, options: &Options) -> Vec<Method> {
-    let own: Vec<Method> = scene.spec().interface.values().map(|i| i.method).collect();
-    let chosen: &[Method] = match (&*options.methods, &*own) {
-        ([], [Method::Arlequin]) => &Method::ALL,
-        ([], own) => own,
-        (chosen, _) => chosen,
-    };
-    let mut out = vec![Method::Arlequin];
-    for m in chosen {
-        if !out.contains(m) {
-            out.push(*m);
-        }
+    let own = scene.spec().interface.values().map(|i| i.method);
+    let mut chosen = options.methods.clone();
+    if chosen.is_empty() {
+        chosen.extend(own.filter(|m| *m != Method::Arlequin));
     }
-    out
+    let is_chosen = |m: &Method| *m == Method::Arlequin || chosen.is_empty() || chosen.contains(m);
+    Method::ALL.into_iter().filter(is_chosen).collect()
 }
 
 /// Returns the method with a word.

@@ -1,7 +1,7 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
 use super::method::{Coupling, State};
-use super::sparse::{Followers, product, transposed};
+use super::sparse::{Followers, add, product, transposed};
 use super::system::{Motion, System};
 use super::tie::Tie;
 use crate::error::Result;
@@ -92,7 +92,7 @@ impl Reflections {
         // A node that nothing follows has neither mass nor stiffness.
         let full = mass.iter().map(|m| if *m > 1e-12 * top { *m } else { top });
         let full: Vec<f64> = full.collect();
-        let system = System::new(whole.places.clone(), mass, &full, stiffness);
+        let system = System::new((whole.places.clone(), whole.split), mass, &full, stiffness);
         let pace = Pace::common(&system)?;
         Ok(Self {
             state: State::new(whole, pace),
@@ -103,32 +103,27 @@ impl Reflections {
 
     /// Reflects velocities at the constraint, and moves the unknowns that follow others.
     fn reflect(&mut self) {
+        let now = &mut self.state.now;
         if let Some(t) = &self.tie {
-            self.kick = t.kick(&self.state.now.v, &self.system.inverse);
-            self.turn();
+            self.kick = t.kick(&now.v, &self.system.inverse);
+            add(&mut now.v, -1.0, &self.kick);
         }
         if let Some(lift) = &self.lift {
-            let now = &mut self.state.now;
             (now.q, now.v) = (product(lift, &now.q), product(lift, &now.v));
         }
-    }
-
-    /// Subtracts half of the last reflection.
-    fn turn(&mut self) {
-        let pairs = self.state.now.v.iter_mut().zip(&self.kick);
-        pairs.for_each(|(v, k)| *v -= k);
     }
 }
 
 impl Coupling for Reflections {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
         let inverse = &self.system.inverse;
-        let [mut q, v] = [q, v].map(|x| {
-            let weighted = x.iter().zip(inverse);
-            weighted
+        let weighted = |x: &[f64]| {
+            x.iter()
+                .zip(inverse)
                 .map(|(x, w)| if *w > 0.0 { *x } else { 0.0 })
-                .collect::<Vec<_>>()
-        });
+                .collect()
+        };
+        let [mut q, v]: [Vec<f64>; 2] = [q, v].map(weighted);
         if let Some(t) = &self.tie {
             t.project(&mut q, inverse);
         }
@@ -137,27 +132,23 @@ impl Coupling for Reflections {
         self.system.accelerate(&mut self.state.now, 0..self.system.size());
         // The start is consistent: the first half reflection takes the jump of the accelerations.
         if let Some(t) = self.tie.as_ref().filter(|_| !self.once) {
-            self.kick = t.kick(&self.state.now.a, &self.system.inverse);
-            self.kick
-                .iter_mut()
-                .for_each(|k| *k *= 0.5 * self.state.pace.step);
+            let jump = t.kick(&self.state.now.a, &self.system.inverse);
+            self.kick = jump.iter().map(|k| k * (0.5 * self.state.pace.step)).collect();
         }
     }
 
     fn advance(&mut self) {
-        if !self.once {
-            self.turn();
-        }
         let (all, [coarse, fine]) = (0..self.system.size(), self.system.sides());
-        let Pace { step, own, .. } = self.state.pace;
+        let (now, Pace { step, own, .. }) = (&mut self.state.now, self.state.pace);
+        if !self.once {
+            add(&mut now.v, -1.0, &self.kick);
+        }
         if own == 1 {
-            self.system.step(&mut self.state.now, all, step);
+            self.system.step(now, all, step);
         } else {
-            self.system.step(&mut self.state.now, coarse, step);
-            for _ in 0..own {
-                self.system
-                    .step(&mut self.state.now, fine.clone(), self.state.pace.own_step());
-            }
+            self.system.step(now, coarse, step);
+            let dt = self.state.pace.own_step();
+            (0..own).for_each(|_| self.system.step(now, fine.clone(), dt));
         }
         self.reflect();
     }
@@ -168,16 +159,12 @@ impl Coupling for Reflections {
 
     /// `Σ ½ v₊ᵀMv₊ + ½ qᵀ(K − ¼Δt²KM⁻¹K)q` over the models, with the velocities after a reflection.
     fn energy(&self) -> f64 {
+        let Motion { q, v, a } = &self.state.now;
+        let steps = [self.state.pace.step, self.state.pace.own_step()];
         let term = |i: usize| {
-            let is_coarse = i < self.system.places.split;
-            let dt = if is_coarse {
-                self.state.pace.step
-            } else {
-                self.state.pace.own_step()
-            };
-            let after = self.state.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
-            let (q, a) = (self.state.now.q[i], self.state.now.a[i]);
-            0.5 * self.system.mass[i] * (after * after - q * a - 0.25 * dt * dt * a * a)
+            let dt = steps[usize::from(i >= self.system.split)];
+            let after = v[i] - if self.once { 0.0 } else { self.kick[i] };
+            0.5 * self.system.mass[i] * (after * after - q[i] * a[i] - 0.25 * dt * dt * a[i] * a[i])
         };
         self.system.weighted().map(term).sum()
     }
@@ -191,11 +178,7 @@ impl Coupling for Reflections {
             return Ok(None);
         }
         let rows = self.tie.as_ref().map(|t| &t.rows);
-        let free = self.system.equilibrium(q.to_vec(), held, rows)?;
-        Ok(Some(
-            self.lift
-                .as_ref()
-                .map_or(free.clone(), |lift| product(lift, &free)),
-        ))
+        let q = self.system.equilibrium(q.to_vec(), held, rows)?;
+        Ok(Some(self.lift.iter().fold(q, |q, lift| product(lift, &q))))
     }
 }

@@ -2,29 +2,27 @@
 
 use arlequin::core::ShapeRow;
 use arlequin::core::sprs::{CsMat, TriMat};
-use std::ops::Range;
 
-/// Adds `scale (A x)_i` to `out[i]` for the rows of a range.
-pub(super) fn add_product(a: &CsMat<f64>, x: &[f64], scale: f64, rows: Range<usize>, out: &mut [f64]) {
-    let indptr = a.indptr();
-    let (start, columns, values) = (indptr.raw_storage(), a.indices(), a.data());
-    for i in rows {
-        let entries = start[i]..start[i + 1];
-        let row = columns[entries.clone()].iter().zip(&values[entries]);
-        out[i] += scale * row.map(|(j, v)| v * x[*j]).sum::<f64>();
-    }
+/// Returns `Σ A_ij x_j`.
+pub(super) fn row_product(a: &CsMat<f64>, i: usize, x: impl Fn(usize) -> f64) -> f64 {
+    let row = a.indptr().outer_inds_sz(i);
+    let entries = a.indices()[row.clone()].iter().zip(&a.data()[row]);
+    entries.fold(0.0, |sum, (j, v)| sum + v * x(*j))
 }
 
 /// Returns `A x`.
 pub(super) fn product(a: &CsMat<f64>, x: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; a.rows()];
-    add_product(a, x, 1.0, 0..a.rows(), &mut out);
-    out
+    (0..a.rows()).map(|i| row_product(a, i, |j| x[j])).collect()
 }
 
 /// Returns `x · y`.
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(a, b)| a * b).sum()
+}
+
+/// Computes `x ← x + s y`.
+pub(super) fn add(x: &mut [f64], s: f64, y: &[f64]) {
+    x.iter_mut().zip(y).for_each(|(x, y)| *x += s * y);
 }
 
 /// Returns the transpose, by rows.
@@ -57,18 +55,30 @@ pub(super) struct Followers {
 impl Followers {
     /// Makes the `d` displacements of nodes, each given by its first unknown, follow a field whose unknowns
     /// begin at a number, by shape functions.
-    pub(super) fn new(size: usize, d: usize, nodes: &[(usize, usize, ShapeRow<f64>)]) -> Self {
+    pub(super) fn new(
+        size: usize,
+        d: usize,
+        field: usize,
+        nodes: impl Iterator<Item = (usize, ShapeRow<f64>)>,
+    ) -> Self {
         let (mut rows, mut follow) = (TriMat::new((size, size)), vec![0.0; size]);
-        for (first, field, row) in nodes {
+        for (first, row) in nodes {
             for c in 0..d {
                 follow[first + c] = 1.0;
                 let shapes = row.nodes.iter().zip(&row.values);
                 shapes.for_each(|(node, value)| rows.add_triplet(first + c, field + node * d + c, *value));
             }
         }
+        let rows = rows.to_csr();
+        Self { rows, follow }
+    }
+
+    /// Joins unknowns that follow others the other way.
+    pub(super) fn with(self, other: &Self) -> Self {
+        let follow = self.follow.iter().zip(&other.follow);
         Self {
-            rows: rows.to_csr(),
-            follow,
+            rows: &self.rows + &other.rows,
+            follow: follow.map(|(a, b)| a + b).collect(),
         }
     }
 

@@ -51,23 +51,21 @@ pub(super) struct Bridging {
 impl Bridging {
     /// Couples a chain of equal neighbours, whose zone ends in the middle of the overlap.
     pub(super) fn new(case: &mut Case) -> Result<Self> {
-        let refusal = |case: &Case| {
-            let rule = "needs the memory of the particles that are left out, which is known for a chain of equal neighbours only";
-            Err(case.refusal(Method::BridgingScale, rule))
-        };
+        let rule = "needs the memory of the particles that are left out, which is known for a chain of equal neighbours only";
+        let refusal = |case: &Case, rule| Err(case.refusal(Method::BridgingScale, rule));
         if case.components() != 1 {
-            return refusal(case);
+            return refusal(case, rule);
         }
         let whole = case.slaved(COARSE_EVERYWHERE, &Uniform(1.0))?;
         let everywhere = [f64::NEG_INFINITY, f64::INFINITY];
         let followers = case.followers([COARSE_EVERYWHERE, FINE_EVERYWHERE], everywhere, &|_| true);
         let [nodes, particles] = whole.sides();
         if followers.count() != particles.len() || !equal_neighbours(&whole) {
-            return refusal(case);
+            return refusal(case, rule);
         }
         let Some((end, node)) = end_of_zone(case, &whole) else {
             let rule = "needs a particle on a coarse node inside of the overlap; take a mesh of a multiple of the spacing";
-            return Err(case.refusal(Method::BridgingScale, rule));
+            return refusal(case, rule);
         };
         let zone = if end[1] > end[0] {
             particles.start..end[1]
@@ -100,9 +98,9 @@ impl Bridging {
 
     /// Lets the particles outside of the zone follow the coarse model.
     fn follow(&mut self) {
-        let now = &mut self.state.now;
+        let State { whole, now, .. } = &mut self.state;
         let [q, v] = [&now.q, &now.v].map(|x| product(&self.followers.rows, x));
-        let [_, particles] = self.state.whole.sides();
+        let [_, particles] = whole.sides();
         for i in particles.filter(|i| !self.zone.contains(i)) {
             (now.q[i], now.v[i]) = (q[i], v[i]);
         }
@@ -115,12 +113,12 @@ impl Bridging {
         let [last, neighbour] = self.end;
         let memory = self.past.iter().rev().zip(&self.kernel);
         let force = self.bond * memory.map(|(w, k)| w * k).sum::<f64>();
-        self.past
-            .push(self.state.now.q[last] - self.state.now.q[self.node]);
-        let [nodes, particles] = self.state.whole.sides();
-        self.state.whole.accelerate(&mut self.state.now, particles);
-        self.state.now.a[last] += self.state.whole.inverse[last] * force;
-        self.state.now.a[neighbour] -= self.state.whole.inverse[neighbour] * force;
+        let State { whole, now, .. } = &mut self.state;
+        self.past.push(now.q[last] - now.q[self.node]);
+        let [nodes, particles] = whole.sides();
+        whole.accelerate(now, particles);
+        now.a[last] += whole.inverse[last] * force;
+        now.a[neighbour] -= whole.inverse[neighbour] * force;
         let coarse = self.project(&self.state.now.a);
         self.state.now.a[nodes].copy_from_slice(&coarse);
     }
@@ -137,11 +135,13 @@ impl Coupling for Bridging {
 
     fn advance(&mut self) {
         let ([nodes, _], zone, dt) = (self.state.whole.sides(), self.zone.clone(), self.state.pace.step);
-        self.state.now.drift(zone.clone(), dt);
-        self.state.now.drift(nodes.clone(), dt);
+        for range in [&zone, &nodes] {
+            self.state.now.drift(range.clone(), dt);
+        }
         self.accelerate();
-        self.state.now.kick(zone, dt);
-        self.state.now.kick(nodes, dt);
+        for range in [zone, nodes] {
+            self.state.now.kick(range, dt);
+        }
         self.follow();
     }
 
@@ -159,17 +159,15 @@ impl Coupling for Bridging {
 /// Finds the last particle of the zone, which lies on a coarse node near the middle of the overlap, its
 /// neighbour outside, and the node.
 fn end_of_zone(case: &Case, whole: &System) -> Option<([usize; 2], usize)> {
-    let x = &whole.places.x;
+    let x = |i: usize| whole.places[i].x;
     let [nodes, particles] = whole.sides();
-    let off = |k: &usize| (x[*k] - 0.5 * case.width).abs();
+    let off = |k: &usize| (x(*k) - 0.5 * case.width).abs();
     let node = nodes.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    let on_node = |i: &usize| (x[*i] - x[node]).abs() <= 1e-6 * case.spacing[FINE];
-    let last = particles
-        .clone()
-        .find(on_node)
-        .filter(|_| off(&node) < 0.5 * case.width)?;
+    let on_node = |i: &usize| (x(*i) - x(node)).abs() <= 1e-6 * case.spacing[FINE];
+    let mut found = particles.clone().filter(on_node);
+    let last = found.next().filter(|_| off(&node) < 0.5 * case.width)?;
     let neighbours = [last - 1, last + 1].into_iter().filter(|i| particles.contains(i));
-    let neighbour = neighbours.min_by(|a, b| x[*a].total_cmp(&x[*b]))?;
+    let neighbour = neighbours.min_by(|a, b| x(*a).total_cmp(&x(*b)))?;
     Some(([last, neighbour], node))
 }
 

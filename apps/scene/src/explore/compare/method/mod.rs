@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::spec::Method;
 #[cfg(test)]
 pub(super) use bridging::kernel;
-use multistep::{Multistep, Scheme};
+use multistep::Multistep;
 
 /// System, pace and motion of a coupling.
 #[derive(Debug)]
@@ -89,8 +89,8 @@ pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Bo
         Method::Blend => Box::new(blend::blend(case)?),
         Method::Oniom => Box::new(blend::oniom(case)?),
         Method::BridgingScale => Box::new(bridging::Bridging::new(case)?),
-        Method::Gc => Box::new(Multistep::new(case, Scheme::GravouilCombescure)?),
-        Method::Ph => Box::new(Multistep::new(case, Scheme::PrakashHjelmstad)?),
+        Method::Gc => Box::new(Multistep::new(case, false)?),
+        Method::Ph => Box::new(Multistep::new(case, true)?),
         Method::Schwarz => Box::new(schwarz::Schwarz::new(case)?),
         Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, false)?),
         Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(case, true)?),

@@ -50,7 +50,7 @@ pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
     let beta = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
     let mass = plain.mass.iter().zip(&beta).map(|(m, b)| m * b).collect();
     let stiffness = &diagonal(alpha.into_iter()) * &plain.stiffness;
-    let system = System::new(plain.places, mass, &plain.mass, stiffness);
+    let system = System::new((plain.places, plain.split), mass, &plain.mass, stiffness);
     let tie = Tie::exact(case.coupling(&system)?, &system.inverse)?;
     let pace = Pace::split(&system, MOST_OWN)?;
     Ok(Reflections {

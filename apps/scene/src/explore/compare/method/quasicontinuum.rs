@@ -42,7 +42,7 @@ pub(super) fn quasicontinuum(case: &mut Case, by_clusters: bool) -> Result<Refle
 /// packing, where a cluster stands for bonds unlike its own, they are not (Luskin and Ortner 2009).
 fn clusters(case: &Case) -> Result<Arc<dyn Weight<f64>>> {
     let half = CLUSTER * case.spacing[FINE];
-    let mut layers = case.parts[COARSE].places.x.clone();
+    let mut layers: Vec<f64> = case.parts[COARSE].places.iter().map(|p| p.x).collect();
     layers.sort_by(f64::total_cmp);
     layers.dedup_by(|next, last| *next - *last < half);
     let end = 0.5 * case.width;

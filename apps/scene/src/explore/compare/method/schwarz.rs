@@ -6,7 +6,7 @@ use super::{Coupling, State};
 use crate::error::{Result, key};
 use crate::explore::compare::case::{COARSE, Case, FINE};
 use crate::explore::compare::reflections::{MOST_OWN, Pace};
-use crate::explore::compare::sparse::{Followers, product};
+use crate::explore::compare::sparse::{Followers, product, row_product};
 use crate::explore::compare::system::{Motion, System};
 use crate::spec::Method;
 use arlequin::core::Weights;
@@ -51,15 +51,11 @@ impl Schwarz {
     /// the step, after a share `s` of it.
     fn prescribe(&self, m: &mut Motion, range: Range<usize>, [begin, end]: [&Motion; 2], s: f64) {
         for i in range.filter(|i| self.border.has(*i)) {
-            let row = self.border.rows.outer_view(i);
-            let mut sums = [0.0; 3];
-            for (j, w) in row.iter().flat_map(|r| r.iter()) {
-                let mean = |x: &[f64], y: &[f64]| w * ((1.0 - s) * x[j] + s * y[j]);
-                sums[0] += mean(&begin.q, &end.q);
-                sums[1] += mean(&begin.v, &end.v);
-                sums[2] += mean(&begin.a, &end.a);
-            }
-            [m.q[i], m.v[i], m.a[i]] = sums;
+            let mean =
+                |x: &[f64], y: &[f64]| row_product(&self.border.rows, i, |j| (1.0 - s) * x[j] + s * y[j]);
+            m.q[i] = mean(&begin.q, &end.q);
+            m.v[i] = mean(&begin.v, &end.v);
+            m.a[i] = mean(&begin.a, &end.a);
         }
     }
 
@@ -77,32 +73,26 @@ impl Schwarz {
     }
 }
 
-/// The last layer of nodes of either model, which follows the other model.
+/// Lets the last layer of nodes of either model follow the other one.
 fn border(case: &Case, system: &System) -> Result<Followers> {
-    let (d, split) = (case.components(), system.places.split);
     let (half, [coarse, fine]) = (0.5 * case.spacing[FINE], system.sides());
-    let x = |range: Range<usize>| system.places.x[range].iter().copied();
-    let last = x(coarse).fold(f64::NEG_INFINITY, f64::max);
-    let first = x(fine).fold(f64::INFINITY, f64::min);
-    let mut nodes = Vec::new();
-    for (k, row) in case.shapes([FINE, COARSE], [last - half, f64::INFINITY]) {
-        let row = row.map_err(|e| {
-            let name = case.model_name(FINE);
-            let rule = format!(
-                "needs the displacement of model '{name}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
-                 elements"
-            );
-            case.refusal(Method::Schwarz, &rule)
-        });
-        nodes.push((k * d, split, row?));
+    let x = |range: Range<usize>| system.places[range].iter().map(|p| p.x);
+    let last = x(coarse.clone()).fold(f64::NEG_INFINITY, f64::max) - half;
+    let first = x(fine).fold(f64::INFINITY, f64::min) + half;
+    let into_fine = case.followers([FINE, COARSE], [last, f64::INFINITY], &|_| true);
+    let into_coarse = case.followers([COARSE, FINE], [f64::NEG_INFINITY, first], &|_| true);
+    if into_fine.count() < x(coarse).filter(|x| *x >= last).count() {
+        let rule = format!(
+            "needs the displacement of model '{}' at the border nodes of the coarse mesh, some of which are outside of it; take a \
+             fine model of finite elements",
+            case.model_name(FINE)
+        );
+        return Err(case.refusal(Method::Schwarz, &rule));
     }
-    let coarse = nodes.len();
-    let fine = case.shapes([COARSE, FINE], [f64::NEG_INFINITY, first + half]);
-    nodes.extend(fine.filter_map(|(k, row)| Some((split + k * d, 0, row.ok()?))));
-    if coarse == 0 || nodes.len() == coarse {
+    if into_coarse.count() == 0 {
         return Err(case.refusal(Method::Schwarz, "finds no nodes at a border; widen the overlap"));
     }
-    Ok(Followers::new(system.size(), d, &nodes))
+    Ok(into_fine.with(&into_coarse))
 }
 
 impl Coupling for Schwarz {
