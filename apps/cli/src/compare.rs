@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, key, write};
 use crate::report;
 use arlequin_scene::Scene;
-use arlequin_scene::compare::{Options, compare as measure, method};
+use arlequin_scene::compare::{compare as measure, method};
 use std::path::{Path, PathBuf};
 
 /// Methods to compare, and where the tables go.
@@ -22,17 +22,17 @@ pub(crate) struct Choice {
 
 /// Compares methods on the models of a scene.
 pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> {
-    let methods = choice.methods.iter().map(|m| method(m));
-    let options = Options {
-        methods: methods.collect::<Result<_>>()?,
-        penalty: choice.penalty,
-    };
+    let methods = choice
+        .methods
+        .iter()
+        .map(|m| method(m))
+        .collect::<Result<Vec<_>>>()?;
     let stem = scene.source().path.file_stem().unwrap_or_default();
     // Found before minutes of work, as are wrong words.
     let around = |page| text_around(page, &stem.to_string_lossy());
     let around = choice.page.as_deref().map(around).transpose()?;
     let mut progress = report::phase_reporter();
-    let board = measure(scene, &options, &mut progress)?;
+    let board = measure(scene, &methods, choice.penalty, &mut progress)?;
     drop(progress);
     if let (Some(page), Some([before, end, behind])) = (&choice.page, around) {
         let table = report::compare::table(&board).replace('\n', &end);

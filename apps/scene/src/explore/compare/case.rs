@@ -1,6 +1,5 @@
 //! The models of a scene, and each of them in the place of both, as linear systems for any weights.
 
-use super::sparse::Followers;
 use super::system::{Place, System};
 use super::union::united;
 use crate::error::{Error, Result, core, key, value};
@@ -9,7 +8,7 @@ use crate::spec::{Method, OverlapShape, Shape};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Vector3, center};
 use arlequin::core::sprs::{CsMat, TriMat, hstack};
-use arlequin::core::{Elastic, Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
+use arlequin::core::{Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -90,7 +89,7 @@ impl Case {
         let frame = (coarse, (fine - coarse).normalize());
         let names = [&table.coarse, &table.fine];
         let shape = united(&scene, names, frame.1)?;
-        let (bodies, interface) = setup::parts(&scene, folder, announce)?;
+        let (mut bodies, interface) = setup::parts(&scene, folder, announce)?;
         let interface = single(interface)?;
         let sides = [interface.spec.coarse, interface.spec.fine];
         for side in sides {
@@ -100,7 +99,6 @@ impl Case {
         let tables = nodal.interface.values_mut();
         tables.for_each(|i| i.weight.weighting = Weighting::Nodal);
         let nodal = single(setup::interfaces_of(&nodal, folder, &bodies)?)?;
-        let mut bodies = bodies;
         if sides[COARSE] > sides[FINE] {
             bodies.reverse();
         }
@@ -109,10 +107,10 @@ impl Case {
             let reversed = [names[1], names[0]];
             bodies.push(everywhere((&scene, folder), reversed, &shape, &mut |_, _, _| ())?);
         }
-        let material = bodies[FINE].material.as_ref().map(Elastic::bar_speed);
+        let material = bodies[FINE].material.as_ref();
+        let no_material = || key(format!("model.{}", table.fine), "has no material to compare");
         Ok(Self {
-            speed: material
-                .ok_or_else(|| key(format!("model.{}", table.fine), "has no material to compare"))?,
+            speed: material.ok_or_else(no_material)?.bar_speed(),
             width: (fine - coarse).norm(),
             spacing: [COARSE, FINE].map(|k| bodies[k].spacing),
             weights: with_complement(interface.weights.clone()),
@@ -160,31 +158,29 @@ impl Case {
         ])
     }
 
+    /// Fine model in the place of both.
+    pub(super) fn fine_everywhere(&mut self) -> Result<System> {
+        self.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])
+    }
+
     /// Fine model in the place of both after a mesh without a law of its own.
     pub(super) fn slaved(&mut self, mesh: usize, weight: &dyn Weight<f64>) -> Result<System> {
         self.assemble(&[(mesh, None), (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]))])
     }
 
-    /// Values of a pair of weights at the node of every unknown of both models.
+    /// Values of a pair of weights at the node of every unknown of both models. A node on a border counts as in
+    /// the overlap, so that round-off does not decide whether it has a weight.
     pub(super) fn nodal_values(&self, weights: [&dyn Weight<f64>; 2]) -> Vec<f64> {
-        let mut out = Vec::new();
+        let (mut out, rounded) = (Vec::new(), 1e-9 * self.width);
         for (part, w) in self.parts.iter().zip(weights) {
-            let model = &part.body.model;
-            let (layout, nodes) = (model.layout(), model.nodes());
-            out.extend((0..layout.dofs()).map(|d| w.value(&self.rounded(nodes[layout.node_of(d)]))));
+            let (layout, nodes) = (part.body.model.layout(), part.body.model.nodes());
+            out.extend(part.places.iter().enumerate().map(|(d, p)| {
+                let shift = p.x.clamp(rounded, self.width - rounded) - p.x;
+                let shift = if shift.abs() < 2.0 * rounded { shift } else { 0.0 };
+                w.value(&(nodes[layout.node_of(d)] + self.frame.1 * shift))
+            }));
         }
         out
-    }
-
-    /// Moves a node on a border into the overlap, so that round-off does not decide whether it has a weight.
-    fn rounded(&self, x: Point3<f64>) -> Point3<f64> {
-        let (s, r) = (self.distance(&x), 1e-9 * self.width);
-        let shift = s.clamp(r, self.width - r) - s;
-        if shift.abs() > 2.0 * r {
-            x
-        } else {
-            x + self.frame.1 * shift
-        }
     }
 
     /// Weight by the distances of the nearest and the farthest corner of a cell from the coarse border.
@@ -223,46 +219,40 @@ impl Case {
         self.parts[COARSE].body.model.layout().components
     }
 
-    /// Lets nodes of a model in a range of distances that `choose` takes, by their first unknown, follow the
-    /// field of another model. Nodes outside of the field are left out. Unknowns of the coarse model come
-    /// first, and those of a mesh that the fine model everywhere follows.
+    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of nodes in a
+    /// range of distances that `choose` takes, by their first unknown. Nodes outside of the field are left out.
+    /// Unknowns of the coarse model come first, and those of a mesh that the fine model everywhere follows.
     pub(super) fn followers(
         &self,
         [field, points]: [usize; 2],
         range: [f64; 2],
         choose: &dyn Fn(usize) -> bool,
-    ) -> Followers {
-        let [shift, first] = [field, points].map(|k| self.parts[k].full.len());
-        let [shift, first] = if points == COARSE { [first, 0] } else { [0, shift] };
-        let (d, rounded) = (self.components(), 1e-9 * self.width);
-        let nodes = self.parts[points].body.model.nodes().iter().enumerate();
-        let nodes = nodes.filter(|(_, x)| {
-            let distance = self.distance(x);
-            distance >= range[0] - rounded && distance <= range[1] + rounded
-        });
-        let chosen = nodes.filter(|(k, _)| choose(first + k * d));
-        let rows = chosen.filter_map(|(k, x)| {
-            let mut row = ShapeRow::default();
-            let found = self.parts[field].body.field.shape_at(x, false, &mut row);
-            found.ok().map(|()| (first + k * d, row))
-        });
-        let size = [field, points].map(|k| self.parts[k].full.len());
-        Followers::new(size[0] + size[1], d, shift, rows)
+    ) -> CsMat<f64> {
+        let sizes = [field, points].map(|k| self.parts[k].full.len());
+        let [shift, first] = if points == COARSE {
+            [sizes[1], 0]
+        } else {
+            [0, sizes[0]]
+        };
+        let (d, rounded, part) = (self.components(), 1e-9 * self.width, &self.parts[points]);
+        let is_within = |x: f64| x >= range[0] - rounded && x <= range[1] + rounded;
+        let mut out = TriMat::new((sizes[0] + sizes[1], sizes[0] + sizes[1]));
+        for (k, x) in part.body.model.nodes().iter().enumerate() {
+            let (i, mut row) = (first + k * d, ShapeRow::default());
+            let is_chosen = is_within(part.places[k * d].x) && choose(i);
+            if !is_chosen || self.parts[field].body.field.shape_at(x, false, &mut row).is_err() {
+                continue;
+            }
+            for (node, value) in row.nodes.iter().zip(&row.values) {
+                (0..d).for_each(|c| out.add_triplet(i + c, shift + node * d + c, *value));
+            }
+        }
+        out.to_csr()
     }
 
     /// Refuses a method by its name, with the reason and the remedy.
     pub(super) fn refusal(&self, method: Method, rule: &str) -> Error {
         value(format!("interface.{}.method", self.name), method.name(), rule)
-    }
-
-    /// Name of a model.
-    pub(super) fn model_name(&self, part: usize) -> &str {
-        self.parts[part].body.model.name()
-    }
-
-    /// Distance of a point from the coarse border.
-    fn distance(&self, x: &Point3<f64>) -> f64 {
-        (x - self.frame.0).dot(&self.frame.1)
     }
 
     /// Lengths of the models' own regions \[m\], the coarse one first.
@@ -277,12 +267,12 @@ impl Case {
         ];
         for (k, length) in lengths.into_iter().enumerate() {
             let spacings = length / self.spacing[COARSE];
-            if spacings.is_nan() || spacings < ROOM {
+            if spacings < ROOM {
                 let rule = format!(
                     "coarse spacings beside the overlap must be at least {ROOM}, so that a pulse has room; lengthen the model, narrow \
                      the overlap or take a finer coarse mesh"
                 );
-                let path = format!("model.{}.shape", self.model_name(k));
+                let path = format!("model.{}.shape", self.parts[k].body.model.name());
                 return Err(value(path, format!("{spacings:.1}"), &rule));
             }
         }

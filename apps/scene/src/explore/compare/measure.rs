@@ -139,6 +139,13 @@ fn advance(method: &mut dyn Coupling, time: f64) {
     (0..steps as usize).for_each(|_| method.advance());
 }
 
+/// Makes the steps of a time and returns the relative change of the energy.
+fn change(method: &mut dyn Coupling, time: f64) -> f64 {
+    let before = method.energy();
+    advance(method, time);
+    method.energy() / before - 1.0
+}
+
 /// Energy in the coarse model's own region \[J\].
 fn beyond(method: &dyn Coupling) -> f64 {
     let State { whole, now, .. } = method.state();
@@ -180,9 +187,7 @@ pub(super) fn row(
     let [before, coarse, after] = run(m, &waves.down);
     let (pulse_error, profile) = arrival(m, waves, reference);
     start(m, &waves.down);
-    let begin = m.energy();
-    advance(m, PASSAGES * waves.down.time);
-    let pulse_drift = m.energy() / begin - 1.0;
+    let pulse_drift = change(m, PASSAGES * waves.down.time);
     let [start, back, _] = run(m, &waves.up);
     let above = waves.packet.map(|wave| above(m, &wave));
     let [drift, momentum] = noise(m, waves);
@@ -244,10 +249,9 @@ fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 2] {
     let v: Vec<f64> = places.map(|p| if p.moves { next() } else { 0.0 }).collect();
     method.reset(&vec![0.0; v.len()], &v);
     let momentum = |m: &dyn Coupling| m.state().whole.momentum(&m.state().now.v);
-    let (energy, [before, size]) = (method.energy(), momentum(method));
-    advance(method, waves.random);
-    let change = (momentum(method)[0] - before).abs() / size;
-    [method.energy() / energy - 1.0, change]
+    let [before, size] = momentum(method);
+    let drift = change(method, waves.random);
+    [drift, (momentum(method)[0] - before).abs() / size]
 }
 
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the

@@ -17,27 +17,9 @@ use crate::scene::Scene;
 use crate::spec::Method;
 use case::Case;
 use measure::Waves;
-use method::Coupling;
+use reflections::Reflections;
 use serde::Serialize;
 use std::time::Instant;
-
-/// Options of a comparison.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Methods beside the default. Empty: that of the interface, or all if it is the default.
-    pub methods: Vec<Method>,
-    /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
-    pub penalty: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            methods: Vec::new(),
-            penalty: 1.0,
-        }
-    }
-}
 
 /// Result of a comparison.
 #[derive(Debug, Clone, Serialize)]
@@ -85,36 +67,35 @@ pub struct Row {
     pub setup: f64,
 }
 
-/// Couples the models of a scene by each method and measures them.
+/// Couples the models of a scene by the default and by other methods, and measures them. Without a method:
+/// that of the interface, or all if it is the default. `penalty` is the stiffness of the springs of `penalty`
+/// over the stiffness of the particle that they hold \[–\].
 ///
 /// # Errors
 /// Scenes in which a comparison has no meaning: other than one interface, a shell, models that are not
 /// linear, not of one section in line or too short; a penalty that is not positive.
 pub fn compare(
     scene: &Scene,
-    options: &Options,
+    methods: &[Method],
+    penalty: f64,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Board> {
-    let factor = options.penalty;
-    if !(factor > 0.0 && factor.is_finite()) {
+    if !(penalty > 0.0 && penalty.is_finite()) {
         let rule = "must be positive: the stiffness of the springs over that of a particle";
-        return Err(crate::error::value("--penalty", factor, rule));
+        return Err(crate::error::value("--penalty", penalty, rule));
     }
     let mut case = Case::new(scene.spec(), scene.folder(), announce)?;
-    let couple = |case: &mut Case, m: Method| -> Result<(f64, Box<dyn Coupling>)> {
-        let begin = Instant::now();
-        let coupling = method::couple(case, m, options.penalty)?;
-        Ok((begin.elapsed().as_secs_f64(), coupling))
-    };
-    let (_, default) = couple(&mut case, Method::Arlequin)?;
+    let default = method::couple(&mut case, Method::Arlequin, penalty)?;
     announce("fine everywhere", 0, 0);
-    let mut reference = method::fine_everywhere(&mut case)?;
+    let mut reference = Reflections::free(case.fine_everywhere()?)?;
     let waves = Waves::new(&case, &*default)?;
-    let (last, profile) = measure::row("fine everywhere", (0.0, &mut *reference), &waves, None)?;
+    let (last, profile) = measure::row("fine everywhere", (0.0, &mut reference), &waves, None)?;
     let (mut rows, mut refused) = (Vec::new(), Vec::new());
-    for m in chosen(scene, options) {
+    for m in chosen(scene, methods) {
         announce(m.name(), 0, 0);
-        let measured = couple(&mut case, m).and_then(|(setup, mut coupling)| {
+        let begin = Instant::now();
+        let measured = method::couple(&mut case, m, penalty).and_then(|mut coupling| {
+            let setup = begin.elapsed().as_secs_f64();
             measure::row(m.name(), (setup, &mut *coupling), &waves, Some(&profile))
         });
         match measured {
@@ -141,12 +122,10 @@ pub fn compare(
 }
 
 /// Methods of the rows, each once, the default first.
-fn chosen(scene: &Scene, options: &Options) -> Vec<Method> {
+fn chosen(scene: &Scene, methods: &[Method]) -> Vec<Method> {
     let own = scene.spec().interface.values().map(|i| i.method);
-    let mut chosen = options.methods.clone();
-    if chosen.is_empty() {
-        chosen.extend(own.filter(|m| *m != Method::Arlequin));
-    }
+    let own: Vec<_> = own.filter(|m| *m != Method::Arlequin).collect();
+    let chosen = if methods.is_empty() { &own } else { methods };
     let is_chosen = |m: &Method| *m == Method::Arlequin || chosen.is_empty() || chosen.contains(m);
     Method::ALL.into_iter().filter(is_chosen).collect()
 }

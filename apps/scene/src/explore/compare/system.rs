@@ -161,9 +161,8 @@ impl System {
 
     /// Momentum along the axis \[kg m/s\], and the sum of its moduli.
     pub(super) fn momentum(&self, v: &[f64]) -> [f64; 2] {
-        let parts = self
-            .weighted()
-            .map(|i| self.mass[i] * v[i] * self.places[i].axial);
+        let part = |i: usize| self.mass[i] * v[i] * self.places[i].axial;
+        let parts = self.weighted().map(part);
         parts.fold([0.0; 2], |[p, s], x| [p + x, s + x.abs()])
     }
 
@@ -177,21 +176,15 @@ impl System {
 
     /// Finds the equilibrium `K q + Gᵀ λ = 0`, `G q = 0` with the held unknowns of `q`, by conjugate
     /// gradients in the space of the constraint.
-    pub(super) fn equilibrium(
-        &self,
-        mut q: Vec<f64>,
-        held: &[bool],
-        rows: Option<&CsMat<f64>>,
-    ) -> Result<Vec<f64>> {
+    pub(super) fn equilibrium(&self, mut q: Vec<f64>, held: &[bool], rows: &CsMat<f64>) -> Result<Vec<f64>> {
         let scale = |i: usize| {
             let own = self.own_stiffness(i);
             let is_free = !held[i] && self.inverse[i] > 0.0 && own > 0.0;
             if is_free { 1.0 / own } else { 0.0 }
         };
         let scale: Vec<f64> = (0..self.size()).map(scale).collect();
-        let tie = rows.map(|g| Tie::exact(g.clone(), &scale)).transpose()?;
-        let project = |x: &mut Vec<f64>| tie.iter().for_each(|t| t.project(x, &scale));
-        project(&mut q);
+        let tie = Tie::exact(rows.clone(), &scale)?;
+        tie.project(&mut q, &scale);
         let mut r: Vec<f64> = product(&self.stiffness, &q).iter().map(|f| -f).collect();
         let start = -0.5 * dot(&q, &r);
         let mut p = vec![0.0; self.size()];
@@ -199,9 +192,9 @@ impl System {
         for _ in 0..MOST_ITERATIONS {
             // Multipliers balance most of the residual. Left in, they would drown the rest, and round-off
             // would lead the iteration out of the constraint.
-            tie.iter().for_each(|t| t.balance(&mut r, &scale));
+            tie.balance(&mut r, &scale);
             let mut z: Vec<f64> = r.iter().zip(&scale).map(|(r, s)| r * s).collect();
-            project(&mut z);
+            tie.project(&mut z, &scale);
             let now = dot(&r, &z);
             if now <= SETTLED * start {
                 return Ok(q);

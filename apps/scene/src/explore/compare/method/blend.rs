@@ -2,10 +2,7 @@
 //! coarse energy of a zone replaced by that of its particles (ONIOM). Particles that follow the coarse
 //! model join them.
 
-use crate::error::Result;
-use crate::explore::compare::case::{COARSE, Case, FINE};
-use crate::explore::compare::reflections::Reflections;
-use crate::spec::Method;
+use super::{COARSE, Case, FINE, Method, Reflections, Result};
 use arlequin::core::Weights;
 
 /// Weights both energies; the particles of the overlap follow the coarse model.

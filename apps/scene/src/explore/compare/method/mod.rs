@@ -8,13 +8,13 @@ mod particles;
 mod quasicontinuum;
 mod schwarz;
 
-use super::case::Case;
-use super::reflections::{Pace, Reflections};
+use super::case::{COARSE, COARSE_EVERYWHERE, Case, FINE, FINE_EVERYWHERE, with_complement};
+use super::reflections::{MOST_OWN, Pace, Reflections};
+use super::sparse::{add, congruence, constraint, diagonal, dot, follows, product, row_product, transposed};
 use super::system::{Motion, System};
-use crate::error::Result;
+use super::tie::{Tie, of_eigenvalues, pseudo_inverse};
+use crate::error::{Result, core, key};
 use crate::spec::Method;
-#[cfg(test)]
-pub(super) use bridging::kernel;
 use multistep::Multistep;
 
 /// System, pace and motion of a coupling.
@@ -95,12 +95,4 @@ pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Bo
         Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, false)?),
         Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(case, true)?),
     })
-}
-
-/// The fine model in the place of both, as reference.
-///
-/// # Errors
-/// Errors of the model.
-pub(super) fn fine_everywhere(case: &mut Case) -> Result<Box<dyn Coupling>> {
-    Ok(Box::new(quasicontinuum::fine(case)?))
 }

@@ -3,13 +3,7 @@
 //! own step of the fine model, and between steps of the run the coarse velocity is linear in time: it loses
 //! energy. In the second, velocities are equal at steps of the run, and multipliers are linear in time.
 
-use super::{Coupling, State};
-use crate::error::Result;
-use crate::explore::compare::case::Case;
-use crate::explore::compare::reflections::Pace;
-use crate::explore::compare::sparse::{add, product};
-use crate::explore::compare::system::Motion;
-use crate::explore::compare::tie::{Tie, pseudo_inverse};
+use super::{Case, Coupling, Motion, Pace, Result, State, Tie, add, product, pseudo_inverse};
 use arlequin::core::sprs::TriMat;
 
 /// Most own steps within a step of the run, one more than the default has; the published figures are for
@@ -161,7 +155,7 @@ impl Coupling for Multistep {
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
-        let rows = Some(&self.tie.rows);
-        self.state.whole.equilibrium(q.to_vec(), held, rows).map(Some)
+        let q = self.state.whole.equilibrium(q.to_vec(), held, &self.tie.rows);
+        q.map(Some)
     }
 }
