@@ -50,9 +50,10 @@ fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
         source,
     };
     let text = std::fs::read_to_string(path).map_err(read)?;
+    let refused = |rule| key(format!("--page {}", path.display()), rule);
     // A page that cannot be written is refused before the work, too.
     let options = std::fs::OpenOptions::new().append(true).open(path);
-    options.map_err(write(path))?;
+    options.map_err(|e| refused(format!("cannot be written ({e}); check permissions")))?;
     let end = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let (begin, stop) = (format!("<!-- table {name} -->"), "<!-- end -->");
     let parts = text.split_once(&begin).and_then(|(before, after)| {
@@ -64,5 +65,5 @@ fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
         ])
     });
     let rule = format!("has no place for a table between '{begin}' and '{stop}'; add one");
-    parts.ok_or_else(|| key(format!("--page {}", path.display()), rule))
+    parts.ok_or_else(|| refused(rule))
 }

@@ -139,7 +139,7 @@ fn iterated_multipliers_lose_energy() {
 }
 
 /// Decision 0029: −73 to −90 %, and times 2.8 to 5.3, at five and ten own steps. The loss is that of a short
-/// line, in which the overlap has a large share.
+/// line, in which the overlap has a large share, the gain that of an overlap of one element.
 #[test]
 fn multipliers_at_own_steps_lose_or_gain() {
     let text = std::fs::read_to_string(scene("bar-1d.toml").source().path.clone()).expect("a file");
@@ -149,6 +149,9 @@ fn multipliers_at_own_steps_lose_or_gain() {
     let short = Scene::from_text(short).expect("a scene");
     let [_, gc] = rows(board(&short, &[Method::Gc], 1.0));
     within("gc, short line", gc.drift, -0.9, -0.73);
+    let narrow = Scene::from_text(text.replace("0.28", "0.295")).expect("a scene");
+    let [_, ph] = rows(board(&narrow, &[Method::Ph], 1.0));
+    within("ph, narrow overlap", ph.drift, 1.8, 4.3);
     let [own, gc, ph] = rows(board(&scene("bar-1d.toml"), &[Method::Gc, Method::Ph], 1.0));
     within("gc", gc.drift, -0.95, -0.5);
     within("ph", ph.drift, 0.1, 4.3);
@@ -171,6 +174,8 @@ fn clusters_and_full_sums_of_a_chain_are_one() {
         0.0,
         1e-9,
     );
+    // Without multipliers it costs less than the default.
+    within("cost", blend.cost, 0.97, 0.99);
     // The followers bend the pulse instead.
     within(
         "pulse",
@@ -314,7 +319,7 @@ fn a_memory_takes_short_waves() {
         .replace("coarse = [0.3,", "coarse = [0.32,");
     let longer = Scene::from_text(longer).expect("a scene");
     let [_, gains] = rows(board(&longer, &[Method::BridgingScale], 1.0));
-    within("random state, longer zone", gains.drift, 50.0, 1e3);
+    within("random state, longer zone", gains.drift, 10.0, 1e3);
     let b = board(&scene("dem-fem-beam.toml"), &[Method::BridgingScale], 1.0);
     assert!(b.refused[0].1.contains("equal neighbours"), "{:?}", b.refused);
 }
@@ -342,7 +347,7 @@ fn what_has_no_meaning_is_refused_by_name() {
     let b = board(&scene("dem-fem-beam.toml"), &[Method::Schwarz], 1.0);
     let (method, reason) = &b.refused[0];
     assert!(
-        method == "schwarz" && reason.contains("'right'") && reason.contains("finite"),
+        method == "schwarz" && reason.contains("fine model at the border") && reason.contains("finite"),
         "{reason}"
     );
     for penalty in [-1.0, 0.0, f64::NAN, f64::INFINITY] {

@@ -219,9 +219,9 @@ impl Case {
         self.parts[COARSE].body.model.layout().components
     }
 
-    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of nodes in a
-    /// range of distances that `choose` takes, by their first unknown. Nodes outside of the field are left out.
-    /// Unknowns of the coarse model come first, and those of a mesh that the fine model everywhere follows.
+    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of nodes in
+    /// a range of distances that `choose` takes, by their first unknown. Nodes outside of the field are left
+    /// out. Unknowns of the coarse model come first, and those of a mesh that the fine model everywhere follows.
     pub(super) fn followers(
         &self,
         [field, points]: [usize; 2],

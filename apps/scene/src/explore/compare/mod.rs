@@ -123,9 +123,9 @@ pub fn compare(
 
 /// Methods of the rows, each once, the default first.
 fn chosen(scene: &Scene, methods: &[Method]) -> Vec<Method> {
-    let own = scene.spec().interface.values().map(|i| i.method);
-    let own: Vec<_> = own.filter(|m| *m != Method::Arlequin).collect();
-    let chosen = if methods.is_empty() { &own } else { methods };
+    let word = scene.spec().interface.values().map(|i| i.method);
+    let word: Vec<_> = word.filter(|m| *m != Method::Arlequin).collect();
+    let chosen = if methods.is_empty() { &word } else { methods };
     let is_chosen = |m: &Method| *m == Method::Arlequin || chosen.is_empty() || chosen.contains(m);
     Method::ALL.into_iter().filter(is_chosen).collect()
 }

@@ -110,8 +110,10 @@ impl Reflections {
     /// Reflects velocities at the constraint, and moves the unknowns that follow others.
     fn reflect(&mut self) {
         let now = &mut self.state.now;
-        self.kick = self.tie.kick(&now.v, &self.system.inverse);
-        add(&mut now.v, -1.0, &self.kick);
+        if self.tie.rows.rows() > 0 {
+            self.kick = self.tie.kick(&now.v, &self.system.inverse);
+            add(&mut now.v, -1.0, &self.kick);
+        }
         if let Some(lift) = &self.lift {
             (now.q, now.v) = (product(lift, &now.q), product(lift, &now.v));
         }

@@ -3,8 +3,10 @@
 use arlequin::core::sprs::{CsMat, TriMat};
 
 /// Returns `Σ A_ij x_j`.
+#[inline]
 pub(super) fn row_product(a: &CsMat<f64>, i: usize, x: impl Fn(usize) -> f64) -> f64 {
-    let row = a.indptr().outer_inds_sz(i);
+    let start = a.indptr();
+    let row = start.raw_storage()[i]..start.raw_storage()[i + 1];
     let entries = a.indices()[row.clone()].iter().zip(&a.data()[row]);
     entries.fold(0.0, |sum, (j, v)| sum + v * x(*j))
 }

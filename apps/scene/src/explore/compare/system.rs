@@ -168,8 +168,8 @@ impl System {
 
     /// Returns whether a displacement without mass has stiffness: forces on it would be lost.
     pub(super) fn is_anchored(&self) -> bool {
-        let all = (0..self.size()).map(|i| self.own_stiffness(i));
-        let top = all.fold(0.0, f64::max);
+        let stiffness = (0..self.size()).map(|i| self.own_stiffness(i));
+        let top = stiffness.fold(0.0, f64::max);
         let stiff = |i: usize| self.own_stiffness(i) > 1e-9 * top;
         (0..self.size()).any(|i| self.places[i].moves && self.inverse[i] == 0.0 && stiff(i))
     }

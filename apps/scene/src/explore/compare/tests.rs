@@ -121,3 +121,19 @@ fn alternation_changes_the_energy_of_a_cantilever() {
     let [loss, gain] = range;
     assert!(loss < -0.03 && gain > 1.0 && gain < 2.75, "{range:?}");
 }
+
+/// Weights at nodes do not depend on the place of the scene: round-off of the nodes on a border does not
+/// decide whether they have the weight of the floor or none.
+#[test]
+fn nodes_on_a_border_have_the_weight_of_the_floor() {
+    // The borders as they are, and as they come out of a sum.
+    for off in [0.0, 3e-16, -3e-16, 1e-13, -1e-13] {
+        let text = example("bar-1d").replace("fine = [0.28,", &format!("fine = [{:e},", 0.28 + off));
+        let text = text.replace("coarse = [0.3,", &format!("coarse = [{:e},", 0.3 - off));
+        let case = case(&Scene::from_text(text).unwrap());
+        let [coarse, fine] = &case.nodal;
+        let values = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
+        let least = values.iter().copied().filter(|w| *w < 0.9).fold(1.0, f64::min);
+        assert!((least - 0.05).abs() < 1e-12, "{off:e}: {least}");
+    }
+}

@@ -1,7 +1,7 @@
 //! Multipliers at own steps in place of reflections: Gravouil and Combescure (2001), Prakash and Hjelmstad
-//! (2004), both with the central difference scheme for either model. In the first, velocities are equal at every
-//! own step of the fine model, and between steps of the run the coarse velocity is linear in time: it loses
-//! energy. In the second, velocities are equal at steps of the run, and multipliers are linear in time.
+//! (2004), both with the central difference scheme for either model. In the first, velocities are equal at
+//! every own step of the fine model, and between steps of the run the coarse velocity is linear in time: it
+//! loses energy. In the second, velocities are equal at steps of the run, and multipliers are linear in time.
 
 use super::{Case, Coupling, Motion, Pace, Result, State, Tie, add, product, pseudo_inverse};
 use arlequin::core::sprs::TriMat;

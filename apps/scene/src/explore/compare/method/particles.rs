@@ -47,18 +47,18 @@ pub(super) fn penalty(case: &mut Case, factor: f64) -> Result<Reflections> {
     let system = case.system(&weights)?;
     let [alpha, beta] = [COARSE, FINE].map(|k| &*weights[k].internal);
     let (own, others) = (case.nodal_values([alpha, beta]), case.nodal_values([beta, alpha]));
-    let all = case.followers([COARSE, FINE], [0.0, case.width], &|_| true);
+    let shapes = case.followers([COARSE, FINE], [0.0, case.width], &|_| true);
     let spring = |i: usize| {
         // The weighted stiffness times the smaller weight over its own.
         let share = (others[i] / own[i].max(f64::MIN_POSITIVE)).min(1.0);
-        if follows(&all, i) {
+        if follows(&shapes, i) {
             factor * system.own_stiffness(i) * share
         } else {
             0.0
         }
     };
     let springs: Vec<f64> = (0..system.size()).map(spring).collect();
-    let stiffness = &system.stiffness + &congruence(&constraint(&all), &springs);
+    let stiffness = &system.stiffness + &congruence(&constraint(&shapes), &springs);
     let system = System { stiffness, ..system };
     Reflections::free(system)
 }
