@@ -3,8 +3,7 @@
 use crate::error::{Error, Result, key, write};
 use crate::report;
 use arlequin_scene::Scene;
-use arlequin_scene::compare::{Options, compare as measure, method};
-use arlequin_scene::output::mark;
+use arlequin_scene::compare::{compare as measure, method};
 use std::path::{Path, PathBuf};
 
 /// Methods to compare, and where the tables go.
@@ -16,9 +15,6 @@ pub(crate) struct Choice {
     /// Stiffness of the springs of `penalty` over that of the particle they hold.
     #[arg(long, value_name = "RATIO", default_value_t = 1.0)]
     penalty: f64,
-    /// Write compare.csv, compare.md and compare.json into this folder.
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
     /// Replace the table of this scene in a page, between `<!-- table NAME -->` and `<!-- end -->`.
     #[arg(long, value_name = "PAGE.md")]
     page: Option<PathBuf>,
@@ -26,60 +22,48 @@ pub(crate) struct Choice {
 
 /// Compares methods on the models of a scene.
 pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> {
-    let methods = choice.methods.iter().map(|m| method(m));
-    let options = Options {
-        methods: methods.collect::<Result<_>>()?,
-        penalty: choice.penalty,
-    };
+    let methods = choice
+        .methods
+        .iter()
+        .map(|m| method(m))
+        .collect::<Result<Vec<_>>>()?;
     let stem = scene.source().path.file_stem().unwrap_or_default();
     // Found before minutes of work, as are wrong words.
-    let page = choice.page.as_deref();
-    let around = page
-        .map(|p| text_around(p, &stem.to_string_lossy()))
-        .transpose()?;
-    if let Some(out) = &choice.out {
-        std::fs::create_dir_all(out).map_err(write(out))?;
-        mark::claim("--out", out)?;
-    }
+    let around = |page| text_around(page, &stem.to_string_lossy());
+    let around = choice.page.as_deref().map(around).transpose()?;
     let mut progress = report::phase_reporter();
-    let board = measure(scene, &options, &mut progress)?;
+    let board = measure(scene, &methods, choice.penalty, &mut progress)?;
     drop(progress);
-    let table = report::compare::markdown(&board);
-    let save = |path: &Path, text: &str| std::fs::write(path, text).map_err(write(path));
-    if let Some(out) = &choice.out {
-        save(&out.join("compare.csv"), &report::compare::csv(&board))?;
-        save(&out.join("compare.md"), &table)?;
-        save(&out.join("compare.json"), &(report::pretty(&board)? + "\n"))?;
+    if let (Some(page), Some([before, end, behind])) = (&choice.page, around) {
+        let table = report::compare::table(&board).replace('\n', &end);
+        std::fs::write(page, before + &table + &behind).map_err(write(page))?;
     }
-    if let (Some(page), Some([before, end, behind])) = (page, around) {
-        save(
-            page,
-            &format!("{before}{end}{}{behind}", table.replace('\n', &end)),
-        )?;
-    }
-    report::result(&board, json, report::compare::board)
+    report::result(&board, json, |board| {
+        report::text(&format!("{}\n\n{}", board.scene, report::compare::table(board)));
+    })
 }
 
-/// Text of a page before the table of a scene, the line end of the page, and the text behind the table.
+/// Returns the text of a page before the table of a scene, its line end, and the text behind the table.
 fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
     let read = |source| Error::Read {
         path: path.to_owned(),
         source,
     };
     let text = std::fs::read_to_string(path).map_err(read)?;
+    let refused = |rule| key(format!("--page {}", path.display()), rule);
     // A page that cannot be written is refused before the work, too.
     let options = std::fs::OpenOptions::new().append(true).open(path);
-    options.map_err(write(path))?;
+    options.map_err(|e| refused(format!("cannot be written ({e}); check permissions")))?;
     let end = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let (begin, stop) = (format!("<!-- table {name} -->"), "<!-- end -->");
     let parts = text.split_once(&begin).and_then(|(before, after)| {
         let (_, behind) = after.split_once(stop)?;
         Some([
-            format!("{before}{begin}"),
+            before.to_owned() + &begin + end,
             end.to_owned(),
-            format!("{stop}{behind}"),
+            stop.to_owned() + behind,
         ])
     });
     let rule = format!("has no place for a table between '{begin}' and '{stop}'; add one");
-    parts.ok_or_else(|| key(format!("--page {}", path.display()), rule))
+    parts.ok_or_else(|| refused(rule))
 }

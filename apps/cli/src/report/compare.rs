@@ -1,39 +1,21 @@
-//! Tables of `arlequin compare`: on the terminal, as Markdown and as comma-separated values.
+//! Table of `arlequin compare`, for the terminal and for a page.
 
 use arlequin_scene::compare::{Board, Row};
 
-/// Heads of the columns of figures; those without a unit are ratios.
-const HEADS: [&str; 11] = [
-    "not passed",
-    "comes back",
-    "above cutoff",
-    "pulse error",
-    "patch",
-    "momentum",
-    "drift, pulse",
-    "drift, noise",
-    "critical step",
-    "cost",
-    "set-up [s]",
-];
-
-fn figures(r: &Row) -> [Option<f64>; 11] {
-    let [down, up, momentum] = [r.down, r.up, r.momentum].map(Some);
-    let [pulse_drift, drift] = [r.pulse_drift, r.drift].map(Some);
-    let [critical, cost, setup] = [r.critical, r.cost, r.setup].map(Some);
-    let [above, error, patch] = [r.above, r.pulse_error, r.patch];
+/// Heads and figures of a row; those without a unit are ratios.
+fn figures(r: &Row) -> [(&'static str, Option<f64>); 11] {
     [
-        down,
-        up,
-        above,
-        error,
-        patch,
-        momentum,
-        pulse_drift,
-        drift,
-        critical,
-        cost,
-        setup,
+        ("not passed", Some(r.down)),
+        ("comes back", Some(r.up)),
+        ("above cutoff", r.above),
+        ("pulse error", r.pulse_error),
+        ("patch", r.patch),
+        ("momentum", Some(r.momentum)),
+        ("drift, pulse", Some(r.pulse_drift)),
+        ("drift, noise", Some(r.drift)),
+        ("critical step", Some(r.critical)),
+        ("cost", Some(r.cost)),
+        ("set-up [s]", Some(r.setup)),
     ]
 }
 
@@ -48,58 +30,31 @@ fn word(x: Option<f64>) -> String {
     }
 }
 
-/// Words and figures of every method.
-fn rows(b: &Board, figure: fn(Option<f64>) -> String) -> impl Iterator<Item = (&str, Vec<String>)> {
-    let row = move |r| figures(r).into_iter().map(figure).collect();
-    b.rows.iter().map(move |r| (&*r.method, row(r)))
-}
-
-/// Prints the table and the methods that were refused.
-pub(crate) fn board(b: &Board) {
-    print_line!("{}: {}", b.scene, about(b));
-    let heads = ("method", HEADS.map(str::to_owned).to_vec());
-    for (method, cells) in std::iter::once(heads).chain(rows(b, word)) {
-        let cells: String = cells.iter().map(|c| format!("{c:>14}")).collect();
-        print_line!("{method:<24}{cells}");
-    }
-    for (method, reason) in &b.refused {
-        super::entry("refused", &format!("{method}: {reason}"));
-    }
-}
-
-fn about(b: &Board) -> String {
-    let packet = b
-        .packet
-        .map(|l| format!(", packet of {l:.1} h"))
-        .unwrap_or_default();
-    format!(
-        "pulse of half width {:.1} h{packet}, h the coarse spacing",
+/// Returns the table as Markdown in columns of one width.
+pub(crate) fn table(b: &Board) -> String {
+    let packet = b.packet.map(|l| format!(", packet of {l:.1} h"));
+    let packet = packet.unwrap_or_default();
+    let mut out = format!(
+        "Pulse of half width {:.1} h{packet}, h the coarse spacing\n\n",
         b.pulse
-    )
-}
-
-/// Returns the table as Markdown.
-pub(crate) fn markdown(b: &Board) -> String {
-    let mut out = format!("{}\n\n", about(b).replacen('p', "P", 1));
-    out += &format!(
-        "| method | {} |\n|---|{}\n",
-        HEADS.join(" | "),
-        "---|".repeat(HEADS.len())
     );
-    for (method, cells) in rows(b, word) {
-        out += &format!("| `{method}` | {} |\n", cells.join(" | "));
+    let mut line = |first: &str, cells: &[String]| {
+        let cells: String = cells.iter().map(|c| format!(" {c:>13} |")).collect();
+        out += &format!("| {first:<25} |{cells}\n");
+    };
+    let heads = b
+        .rows
+        .first()
+        .map(|r| figures(r).map(|(head, _)| head.to_owned()));
+    if let Some(heads) = heads {
+        line("method", &heads);
+        line(&"-".repeat(25), &heads.map(|_| "-".repeat(12) + ":"));
+    }
+    for r in &b.rows {
+        line(&format!("`{}`", r.method), &figures(r).map(|(_, x)| word(x)));
     }
     for (method, reason) in &b.refused {
         out += &format!("\nRefused: `{method}`. {reason}\n");
-    }
-    out
-}
-
-/// Returns the table as comma-separated values with all digits.
-pub(crate) fn csv(b: &Board) -> String {
-    let mut out = format!("method,{}\n", HEADS.map(|h| h.replace(',', "")).join(","));
-    for (method, cells) in rows(b, |x| x.map(|x| format!("{x:e}")).unwrap_or_default()) {
-        out += &format!("{method},{}\n", cells.join(","));
     }
     out
 }

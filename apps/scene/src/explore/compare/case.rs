@@ -1,15 +1,14 @@
 //! The models of a scene, and each of them in the place of both, as linear systems for any weights.
 
-use super::sparse::Followers;
-use super::system::{Places, System};
+use super::system::{Place, System};
 use super::union::united;
 use crate::error::{Error, Result, core, key, value};
 use crate::setup::{self, Body, BodyShape, BuiltInterface, LoweredScene, OverlapSource};
-use crate::spec::{Method, OverlapShape};
+use crate::spec::{Method, OverlapShape, Shape};
 use arlequin::core::geometry::Cell;
 use arlequin::core::nalgebra::{Point3, Vector3, center};
-use arlequin::core::sprs::{CsMat, bmat, hstack};
-use arlequin::core::{Elastic, Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
+use arlequin::core::sprs::{CsMat, TriMat, hstack};
+use arlequin::core::{Interface, ShapeRow, Side, Uniform, Weight, Weighting, Weights};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,7 +42,7 @@ pub(super) struct Case {
 /// A model on its own.
 pub(super) struct Part {
     body: Body,
-    pub(super) places: Places,
+    pub(super) places: Vec<Place>,
     /// Masses without weights.
     pub(super) full: Vec<f64>,
 }
@@ -89,8 +88,8 @@ impl Case {
         let [coarse, fine] = [coarse, fine].map(|x| Point3::from(*x));
         let frame = (coarse, (fine - coarse).normalize());
         let names = [&table.coarse, &table.fine];
-        united(&scene, names, frame.1)?;
-        let (bodies, interface) = setup::parts(&scene, folder, announce)?;
+        let shape = united(&scene, names, frame.1)?;
+        let (mut bodies, interface) = setup::parts(&scene, folder, announce)?;
         let interface = single(interface)?;
         let sides = [interface.spec.coarse, interface.spec.fine];
         for side in sides {
@@ -100,19 +99,18 @@ impl Case {
         let tables = nodal.interface.values_mut();
         tables.for_each(|i| i.weight.weighting = Weighting::Nodal);
         let nodal = single(setup::interfaces_of(&nodal, folder, &bodies)?)?;
-        let mut bodies = bodies;
         if sides[COARSE] > sides[FINE] {
             bodies.reverse();
         }
-        bodies.push(everywhere((&scene, folder), names, frame, announce)?);
+        bodies.push(everywhere((&scene, folder), names, &shape, announce)?);
         if bodies[COARSE].model.layout().components == 1 {
             let reversed = [names[1], names[0]];
-            bodies.push(everywhere((&scene, folder), reversed, frame, &mut |_, _, _| ())?);
+            bodies.push(everywhere((&scene, folder), reversed, &shape, &mut |_, _, _| ())?);
         }
-        let material = bodies[FINE].material.as_ref().map(Elastic::bar_speed);
+        let material = bodies[FINE].material.as_ref();
+        let no_material = || key(format!("model.{}", table.fine), "has no material to compare");
         Ok(Self {
-            speed: material
-                .ok_or_else(|| key(format!("model.{}", table.fine), "has no material to compare"))?,
+            speed: material.ok_or_else(no_material)?.bar_speed(),
             width: (fine - coarse).norm(),
             spacing: [COARSE, FINE].map(|k| bodies[k].spacing),
             weights: with_complement(interface.weights.clone()),
@@ -130,33 +128,26 @@ impl Case {
     /// Systems of one or two models as one, each with weights of stiffness and masses, without coupling. A
     /// model without weights lends its shape functions only.
     pub(super) fn assemble(&mut self, models: &[(usize, Weighted<'_>)]) -> Result<System> {
-        let (mut places, mut mass, mut full) = (Places::default(), Vec::new(), Vec::new());
-        let mut blocks: Option<CsMat<f64>> = None;
+        let (mut places, mut mass, mut full, mut split) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        let size = models.iter().map(|(k, _)| self.parts[*k].full.len()).sum();
+        let mut entries = TriMat::new((size, size));
         for (k, weights) in models {
             let part = &mut self.parts[*k];
-            let n = part.full.len();
-            places.append(&part.places);
+            split = places.len();
+            places.extend(&part.places);
             full.extend(&part.full);
-            let block = match weights {
-                None => {
-                    mass.resize(mass.len() + n, 0.0);
-                    CsMat::zero((n, n))
-                }
-                Some([internal, kinetic]) => {
-                    mass.extend(masses(&part.body, *kinetic)?);
-                    let model = &mut part.body.model;
-                    let weighted = model.set_internal_weight(*internal);
-                    weighted.map_err(core(format!("model.{}", part.body.model.name())))?;
-                    stiffness(&part.body)?
-                }
+            let Some([internal, kinetic]) = weights else {
+                mass.resize(places.len(), 0.0);
+                continue;
             };
-            blocks = Some(match blocks {
-                None => block,
-                Some(before) => bmat(&[[Some(before.view()), None], [None, Some(block.view())]]),
-            });
+            mass.extend(masses(&part.body, *kinetic)?);
+            let weighted = part.body.model.set_internal_weight(*internal);
+            weighted.map_err(core(format!("model.{}", part.body.model.name())))?;
+            let block = stiffness(&part.body)?;
+            let block = block.iter().map(|(v, (i, j))| (split + i, split + j, *v));
+            block.for_each(|(i, j, v)| entries.add_triplet(i, j, v));
         }
-        let stiffness = blocks.unwrap_or_else(|| CsMat::zero((0, 0)));
-        Ok(System::new(Arc::new(places), mass, &full, stiffness))
+        Ok(System::new((places.into(), split), mass, &full, entries.to_csr()))
     }
 
     /// Weighted systems of both models as one, without coupling.
@@ -167,32 +158,29 @@ impl Case {
         ])
     }
 
+    /// Fine model in the place of both.
+    pub(super) fn fine_everywhere(&mut self) -> Result<System> {
+        self.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])
+    }
+
     /// Fine model in the place of both after a mesh without a law of its own.
     pub(super) fn slaved(&mut self, mesh: usize, weight: &dyn Weight<f64>) -> Result<System> {
         self.assemble(&[(mesh, None), (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]))])
     }
 
-    /// Values of a pair of weights at the node of every unknown of both models.
+    /// Values of a pair of weights at the node of every unknown of both models. A node on a border counts as in
+    /// the overlap, so that round-off does not decide whether it has a weight.
     pub(super) fn nodal_values(&self, weights: [&dyn Weight<f64>; 2]) -> Vec<f64> {
-        let mut out = Vec::new();
+        let (mut out, rounded) = (Vec::new(), 1e-9 * self.width);
         for (part, w) in self.parts.iter().zip(weights) {
-            let model = &part.body.model;
-            let (layout, nodes) = (model.layout(), model.nodes());
-            out.extend((0..layout.dofs()).map(|d| w.value(&self.rounded(nodes[layout.node_of(d)]))));
+            let (layout, nodes) = (part.body.model.layout(), part.body.model.nodes());
+            out.extend(part.places.iter().enumerate().map(|(d, p)| {
+                let shift = p.x.clamp(rounded, self.width - rounded) - p.x;
+                let shift = if shift.abs() < 2.0 * rounded { shift } else { 0.0 };
+                w.value(&(nodes[layout.node_of(d)] + self.frame.1 * shift))
+            }));
         }
         out
-    }
-
-    /// Moves a node on a border into the overlap, so that round-off does not decide whether it has a weight.
-    fn rounded(&self, x: Point3<f64>) -> Point3<f64> {
-        let (s, r) = (self.distance(&x), 1e-9 * self.width);
-        let is_near = s > -r && s < self.width + r;
-        let shift = if is_near {
-            s.clamp(r, self.width - r) - s
-        } else {
-            0.0
-        };
-        x + self.frame.1 * shift
     }
 
     /// Weight by the distances of the nearest and the farthest corner of a cell from the coarse border.
@@ -231,41 +219,35 @@ impl Case {
         self.parts[COARSE].body.model.layout().components
     }
 
-    /// Nodes of a model in a range of distances from the coarse border, with the shape functions of another
-    /// one.
-    pub(super) fn shapes(
+    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of nodes in
+    /// a range of distances that `choose` takes, by their first unknown. Nodes outside of the field are left
+    /// out. Unknowns of the coarse model come first, and those of a mesh that the fine model everywhere follows.
+    pub(super) fn followers(
         &self,
         [field, points]: [usize; 2],
         range: [f64; 2],
-    ) -> impl Iterator<Item = (usize, arlequin::core::Result<ShapeRow<f64>>)> {
-        let rounded = 1e-9 * self.width;
-        let nodes = self.parts[points].body.model.nodes().iter().enumerate();
-        let nodes = nodes.filter(move |(_, x)| {
-            let distance = self.distance(x);
-            distance >= range[0] - rounded && distance <= range[1] + rounded
-        });
-        nodes.map(move |(k, x)| {
-            let mut row = ShapeRow::default();
-            let field = &self.parts[field].body.field;
-            (k, field.shape_at(x, false, &mut row).map(|()| row))
-        })
-    }
-
-    /// Lets nodes of a model in a range of distances that `choose` takes, by their first unknown, follow the
-    /// field of another model, whose unknowns come before. Nodes outside of the field are left out.
-    pub(super) fn followers(
-        &self,
-        models: [usize; 2],
-        range: [f64; 2],
         choose: &dyn Fn(usize) -> bool,
-    ) -> Followers {
-        let [first, more] = models.map(|k| self.parts[k].full.len());
-        let d = self.components();
-        let nodes = self
-            .shapes(models, range)
-            .filter_map(|(k, row)| Some((first + k * d, 0, row.ok()?)));
-        let nodes: Vec<_> = nodes.filter(|(i, ..)| choose(*i)).collect();
-        Followers::new(first + more, d, &nodes)
+    ) -> CsMat<f64> {
+        let sizes = [field, points].map(|k| self.parts[k].full.len());
+        let [shift, first] = if points == COARSE {
+            [sizes[1], 0]
+        } else {
+            [0, sizes[0]]
+        };
+        let (d, rounded, part) = (self.components(), 1e-9 * self.width, &self.parts[points]);
+        let is_within = |x: f64| x >= range[0] - rounded && x <= range[1] + rounded;
+        let mut out = TriMat::new((sizes[0] + sizes[1], sizes[0] + sizes[1]));
+        for (k, x) in part.body.model.nodes().iter().enumerate() {
+            let (i, mut row) = (first + k * d, ShapeRow::default());
+            let is_chosen = is_within(part.places[k * d].x) && choose(i);
+            if !is_chosen || self.parts[field].body.field.shape_at(x, false, &mut row).is_err() {
+                continue;
+            }
+            for (node, value) in row.nodes.iter().zip(&row.values) {
+                (0..d).for_each(|c| out.add_triplet(i + c, shift + node * d + c, *value));
+            }
+        }
+        out.to_csr()
     }
 
     /// Refuses a method by its name, with the reason and the remedy.
@@ -273,34 +255,24 @@ impl Case {
         value(format!("interface.{}.method", self.name), method.name(), rule)
     }
 
-    /// Name of a model.
-    pub(super) fn model_name(&self, part: usize) -> &str {
-        self.parts[part].body.model.name()
-    }
-
-    /// Distance of a point from the coarse border.
-    fn distance(&self, x: &Point3<f64>) -> f64 {
-        (x - self.frame.0).dot(&self.frame.1)
-    }
-
     /// Lengths of the models' own regions \[m\], the coarse one first.
     ///
     /// # Errors
     /// A region without room for a pulse that the coarse model carries.
     pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
-        let x = |k: usize| self.parts[k].places.x.iter().copied();
+        let x = |k: usize| self.parts[k].places.iter().map(|p| p.x);
         let lengths = [
             -x(COARSE).fold(0.0, f64::min),
             x(FINE).fold(0.0, f64::max) - self.width,
         ];
         for (k, length) in lengths.into_iter().enumerate() {
             let spacings = length / self.spacing[COARSE];
-            if spacings.is_nan() || spacings < ROOM {
+            if spacings < ROOM {
                 let rule = format!(
                     "coarse spacings beside the overlap must be at least {ROOM}, so that a pulse has room; lengthen the model, narrow \
                      the overlap or take a finer coarse mesh"
                 );
-                let path = format!("model.{}.shape", self.model_name(k));
+                let path = format!("model.{}.shape", self.parts[k].body.model.name());
                 return Err(value(path, format!("{spacings:.1}"), &rule));
             }
         }
@@ -356,15 +328,13 @@ fn single<T>(mut built: Vec<T>) -> Result<T> {
     built.pop().ok_or_else(|| key("interface", "is missing"))
 }
 
-/// Builds one model over the place of both; `names` are the model that goes and the one that stays.
+/// Builds one model over the place of both, from the model that goes and the one that stays.
 fn everywhere(
     (scene, folder): (&LoweredScene, &Path),
-    names: [&String; 2],
-    frame: Frame,
+    [gone, kept]: [&String; 2],
+    shape: &Shape,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body> {
-    let shape = united(scene, names, frame.1)?;
-    let [gone, kept] = names;
     let mut whole = scene.clone();
     whole.interface.clear();
     whole.model.remove(gone);
@@ -373,7 +343,7 @@ fn everywhere(
             let rule = "is missing: the comparison builds the model in the place of both; give spacing";
             return Err(key(format!("model.{kept}.spacing"), rule));
         }
-        model.shape = BodyShape::Given(shape);
+        model.shape = BodyShape::Given(shape.clone());
         model.role = None;
     }
     single(setup::parts(&whole, folder, announce)?.0)
@@ -400,25 +370,24 @@ fn masses(body: &Body, weight: &dyn Weight<f64>) -> Result<Vec<f64>> {
 }
 
 /// Places of the unknowns of a model.
-fn places(body: &Body, (origin, axis): Frame) -> Places {
-    let mut out = Places::default();
+fn places(body: &Body, (origin, axis): Frame) -> Vec<Place> {
     let (layout, nodes) = (body.model.layout(), body.model.nodes());
     let ends = [f64::INFINITY, f64::NEG_INFINITY].map(|x| Point3::from([x; 3]));
-    let [low, high] = nodes
-        .iter()
-        .fold(ends, |[low, high], x| [low.inf(x), high.sup(x)]);
+    let ends = nodes.iter().fold(ends, |[a, b], x| [a.inf(x), b.sup(x)]);
     // Nothing moves across a line.
     let poisson = body.material.as_ref().filter(|_| layout.components == 3);
     let poisson = poisson.map_or(0.0, |m| m.poisson());
-    for d in 0..layout.dofs() {
+    let place = |d: usize| {
         let (node, c) = (&nodes[layout.node_of(d)], d % layout.components);
-        let offset = node - center(&low, &high);
+        let offset = node - center(&ends[0], &ends[1]);
         let across = poisson * (offset - axis * offset.dot(&axis));
         let moves = d < layout.translations();
-        out.x.push((node - origin).dot(&axis));
-        out.axial.push(if moves { axis[c] } else { 0.0 });
-        out.across.push(if moves { across[c] } else { 0.0 });
-        out.moves.push(moves);
-    }
-    out
+        Place {
+            x: (node - origin).dot(&axis),
+            axial: if moves { axis[c] } else { 0.0 },
+            across: if moves { across[c] } else { 0.0 },
+            moves,
+        }
+    };
+    (0..layout.dofs()).map(place).collect()
 }

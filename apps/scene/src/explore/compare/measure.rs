@@ -3,11 +3,11 @@
 use super::Row;
 use super::case::Case;
 use super::method::{Coupling, State};
-use super::system::{Places, System};
+use super::sparse::add;
+use super::system::{Place, System};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-use std::time::Instant;
 
 /// Half width of the pulse, in coarse spacings, where the models are long enough.
 const PULSE: f64 = 10.0;
@@ -22,12 +22,13 @@ const RANDOM_STEPS: [f64; 2] = [500.0, 20_000.0];
 /// Waves that all methods of a board meet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves {
-    /// The pulse from the fine and from the coarse model, and how long \[s\] it takes to pass.
-    pub(super) down: (Wave, f64),
-    up: (Wave, f64),
-    /// The packet above the coarse cutoff from the fine model, and how long \[s\] it takes to meet the
-    /// overlap and to leave it; `None` if the fine model cannot carry one.
-    pub(super) packet: Option<(Wave, f64)>,
+    /// Pulse from the fine model, which passes.
+    pub(super) down: Wave,
+    /// Pulse from the coarse model.
+    up: Wave,
+    /// Packet above the coarse cutoff from the fine model, which meets the overlap and leaves it; `None` if the
+    /// fine model cannot carry one.
+    pub(super) packet: Option<Wave>,
     width: f64,
     spacing: [f64; 2],
     /// Duration of the run from a random state \[s\].
@@ -43,9 +44,12 @@ impl Waves {
         let [coarse, fine] = case.own_lengths()?;
         let ([h, d], width, speed) = (case.spacing, case.width, case.speed);
         let half = (PULSE * h).min(FILLED * coarse).min(FILLED * fine);
-        let pulse = |centre: f64, way: f64, velocity: f64| {
-            let wave = Wave::new(centre, half, f64::INFINITY, velocity);
-            (wave, (way + 1.2 * half) / speed)
+        let pulse = |centre: f64, way: f64, velocity: f64| Wave {
+            centre,
+            half,
+            length: f64::INFINITY,
+            velocity,
+            time: (way + 1.2 * half) / speed,
         };
         let steps = (RANDOM_WORK / default.work()).clamp(RANDOM_STEPS[0], RANDOM_STEPS[1]);
         Ok(Self {
@@ -60,14 +64,19 @@ impl Waves {
 }
 
 /// Elements carry nothing shorter than two spacings, particles hardly anything below four.
-fn packet(case: &Case, room: f64) -> Option<(Wave, f64)> {
+fn packet(case: &Case, room: f64) -> Option<Wave> {
     let ([h, d], width) = (case.spacing, case.width);
     let length = (0.8 * h).max(4.0 * d);
     let half = (6.0 * length).min(FILLED * room);
     let phase = PI * d / length;
-    let velocity = -case.speed * phase.sin() / phase;
-    let time = (2.0 * half + 2.5 * width) / (case.speed * phase.cos());
-    (length < 1.6 * h).then(|| (Wave::new(width + half + d, half, length, velocity), time))
+    let wave = Wave {
+        centre: width + half + d,
+        half,
+        length,
+        velocity: -case.speed * phase.sin() / phase,
+        time: (2.0 * half + 2.5 * width) / (case.speed * phase.cos()),
+    };
+    (length < 1.6 * h).then_some(wave)
 }
 
 /// Plane wave `cos⁴(πy/2) cos(k(x − x0))`, `y = (x − x0)/W`, that travels one way.
@@ -79,18 +88,11 @@ pub(super) struct Wave {
     /// Wavelength \[m\]; infinite for a pulse.
     pub(super) length: f64,
     velocity: f64,
+    /// Duration of its run \[s\].
+    pub(super) time: f64,
 }
 
 impl Wave {
-    fn new(centre: f64, half: f64, length: f64, velocity: f64) -> Self {
-        Self {
-            centre,
-            half,
-            length,
-            velocity,
-        }
-    }
-
     /// Displacement and velocity at a place.
     fn value(&self, x: f64) -> [f64; 2] {
         let y = (x - self.centre) / self.half;
@@ -107,32 +109,22 @@ impl Wave {
 
     /// Displacements and velocities of all unknowns: along the axis those of the wave, across it the
     /// contraction `−ν u'` that leaves the sides free of stress.
-    fn state(&self, places: &Places) -> [Vec<f64>; 2] {
+    fn state(&self, places: &[Place]) -> [Vec<f64>; 2] {
         let delta = 1e-3 * self.half;
-        let unknown = |i: usize| {
-            let x = places.x[i];
-            let ([q, v], across) = (self.value(x), places.across[i]);
-            if across == 0.0 {
-                return (places.axial[i] * q, places.axial[i] * v);
-            }
-            let ([q0, v0], [q1, v1]) = (self.value(x - delta), self.value(x + delta));
-            let strain = across / (2.0 * delta);
-            (
-                places.axial[i] * q - strain * (q1 - q0),
-                places.axial[i] * v - strain * (v1 - v0),
-            )
+        let unknown = |k: usize, p: &Place| {
+            let [low, value, high] = [p.x - delta, p.x, p.x + delta].map(|x| self.value(x)[k]);
+            p.axial * value - p.across / (2.0 * delta) * (high - low)
         };
-        let (q, v) = (0..places.x.len()).map(unknown).unzip();
-        [q, v]
+        [0, 1].map(|k| places.iter().map(|p| unknown(k, p)).collect())
     }
 }
 
-/// Starts a wave and lets it run for a time; returns the energy \[J\] at the begin, and at the end beyond the
-/// overlap and in all.
-pub(super) fn run(method: &mut dyn Coupling, wave: &Wave, time: f64) -> [f64; 3] {
+/// Starts a wave and lets it run; returns the energy \[J\] at the begin, and at the end beyond the overlap and
+/// in all.
+pub(super) fn run(method: &mut dyn Coupling, wave: &Wave) -> [f64; 3] {
     start(method, wave);
     let before = method.whole_energy();
-    advance(method, time);
+    advance(method, wave.time);
     [before, beyond(method), method.whole_energy()]
 }
 
@@ -141,67 +133,64 @@ fn start(method: &mut dyn Coupling, wave: &Wave) {
     method.reset(&q, &v);
 }
 
-/// Makes the steps nearest to a time, one at least, and returns their number.
-fn advance(method: &mut dyn Coupling, time: f64) -> f64 {
+/// Makes the steps nearest to a time, one at least.
+fn advance(method: &mut dyn Coupling, time: f64) {
     let steps = (time / method.state().pace.step).round().max(1.0);
     (0..steps as usize).for_each(|_| method.advance());
-    steps
+}
+
+/// Makes the steps of a time and returns the relative change of the energy.
+fn change(method: &mut dyn Coupling, time: f64) -> f64 {
+    let before = method.energy();
+    advance(method, time);
+    method.energy() / before - 1.0
 }
 
 /// Energy in the coarse model's own region \[J\].
 fn beyond(method: &dyn Coupling) -> f64 {
     let State { whole, now, .. } = method.state();
-    let parts = whole.energies(now).into_iter().zip(&whole.places.x);
-    parts.filter(|(_, x)| **x < 0.0).map(|(e, _)| e).sum()
+    let parts = whole.energies(now).into_iter().zip(&*whole.places);
+    parts.filter(|(_, p)| p.x < 0.0).map(|(e, _)| e).sum()
 }
-
-/// Displacement of the fine model everywhere, along the axis, by layers.
-#[derive(Debug, Clone)]
-pub(super) struct Profile(Vec<[f64; 2]>);
 
 /// Place and displacement of the layers of a system along the axis, in means by mass: a node that hardly has
 /// weight hardly counts.
 fn layers(system: &System, q: &[f64], thickness: f64) -> Vec<[f64; 2]> {
-    let places = &system.places;
     let mut sums = BTreeMap::<i64, [f64; 3]>::new();
     for i in system.axial() {
-        let sum = sums.entry((places.x[i] / thickness).round() as i64).or_default();
-        let m = system.mass[i] * places.axial[i].powi(2);
+        let Place { x, axial, .. } = system.places[i];
+        let sum = sums.entry((x / thickness).round() as i64).or_default();
+        let m = system.mass[i] * axial.powi(2);
         sum[0] += m;
-        sum[1] += m * places.x[i];
-        sum[2] += m * q[i] / places.axial[i];
+        sum[1] += m * x;
+        sum[2] += m * q[i] / axial;
     }
     let means = sums.into_values().map(|[m, x, u]| [x / m, u / m]);
     means.collect()
 }
 
-impl Profile {
-    /// Linear interpolation between layers.
-    fn value(&self, x: f64) -> f64 {
-        let next = self.0.partition_point(|l| l[0] < x).clamp(1, self.0.len() - 1);
-        let [[x0, u0], [x1, u1]] = [self.0[next - 1], self.0[next]];
-        u0 + (x.clamp(self.0[0][0], self.0[self.0.len() - 1][0]) - x0) / (x1 - x0) * (u1 - u0)
-    }
+/// Linear interpolation between layers.
+fn interpolated(layers: &[[f64; 2]], x: f64) -> f64 {
+    let next = layers.partition_point(|l| l[0] < x).clamp(1, layers.len() - 1);
+    let [[x0, u0], [x1, u1]] = [layers[next - 1], layers[next]];
+    u0 + (x.clamp(layers[0][0], layers[layers.len() - 1][0]) - x0) / (x1 - x0) * (u1 - u0)
 }
 
-/// Measures one method; critical step, cost and time are no ratios yet. Returns also the displacements behind
-/// the pulse.
+/// Measures one method; critical step and cost are no ratios yet. `reference` are the displacements of the fine
+/// model everywhere behind the pulse, by layers; returns also those of the method.
 pub(super) fn row(
     name: &str,
     (setup, m): (f64, &mut dyn Coupling),
     waves: &Waves,
-    reference: Option<&Profile>,
-) -> Result<(Row, Profile)> {
-    let (wave, time) = waves.down;
-    let [before, coarse, after] = run(m, &wave, time);
-    let (pulse_error, profile) = arrival(m, time, waves, reference);
-    start(m, &wave);
-    let begin = m.energy();
-    advance(m, PASSAGES * time);
-    let pulse_drift = m.energy() / begin - 1.0;
-    let [start, back, _] = run(m, &waves.up.0, waves.up.1);
-    let above = above(m, waves);
-    let [drift, momentum, seconds] = noise(m, waves);
+    reference: Option<&[[f64; 2]]>,
+) -> Result<(Row, Vec<[f64; 2]>)> {
+    let [before, coarse, after] = run(m, &waves.down);
+    let (pulse_error, profile) = arrival(m, waves, reference);
+    start(m, &waves.down);
+    let pulse_drift = change(m, PASSAGES * waves.down.time);
+    let [start, back, _] = run(m, &waves.up);
+    let above = waves.packet.map(|wave| above(m, &wave));
+    let [drift, momentum] = noise(m, waves);
     let pace = m.state().pace;
     let row = Row {
         method: name.to_owned(),
@@ -209,7 +198,6 @@ pub(super) fn row(
         down: (after - coarse) / before,
         patch: patch(m, waves)?,
         critical: pace.critical,
-        time: seconds / pace.step,
         // After the runs: how often an alternation alternates is known by then.
         cost: m.work() / pace.step,
         pulse_error,
@@ -223,78 +211,62 @@ pub(super) fn row(
     Ok((row, profile))
 }
 
-/// Error of the displacements beyond the overlap against the fine model everywhere, a time after the start,
-/// and the displacements by layers.
-fn arrival(
-    m: &dyn Coupling,
-    time: f64,
-    waves: &Waves,
-    reference: Option<&Profile>,
-) -> (Option<f64>, Profile) {
-    let State {
-        whole: system,
-        pace,
-        now,
-    } = m.state();
+/// Error of the displacements beyond the overlap against the fine model everywhere after the pulse, and the
+/// displacements by layers.
+fn arrival(m: &dyn Coupling, waves: &Waves, reference: Option<&[[f64; 2]]>) -> (Option<f64>, Vec<[f64; 2]>) {
+    let State { whole, pace, now } = m.state();
     // All methods are compared at one instant, whatever their steps.
-    let left = time - (time / pace.step).round() * pace.step;
-    let q: Vec<f64> = now.q.iter().zip(&now.v).map(|(q, v)| q + left * v).collect();
-    let places = &system.places;
-    let error = reference.map(|p| {
+    let left = waves.down.time - (waves.down.time / pace.step).round() * pace.step;
+    let mut q = now.q.clone();
+    add(&mut q, left, &now.v);
+    let error = reference.map(|layers| {
         let mut sums = [0.0; 2];
-        for i in system.axial().filter(|i| places.x[*i] < 0.0) {
-            let wanted = p.value(places.x[i]) * places.axial[i];
-            sums[0] += system.mass[i] * (q[i] - wanted).powi(2);
-            sums[1] += system.mass[i] * wanted * wanted;
+        for i in whole.axial().filter(|i| whole.places[*i].x < 0.0) {
+            let wanted = interpolated(layers, whole.places[i].x) * whole.places[i].axial;
+            sums[0] += whole.mass[i] * (q[i] - wanted).powi(2);
+            sums[1] += whole.mass[i] * wanted * wanted;
         }
         (sums[0] / sums[1]).sqrt()
     });
-    (error, Profile(layers(system, &q, waves.spacing[1])))
+    (error, layers(whole, &q, waves.spacing[1]))
 }
 
 /// Share of the energy of the packet above the coarse cutoff that stays out of the coarse region.
-fn above(method: &mut dyn Coupling, waves: &Waves) -> Option<f64> {
-    let (wave, time) = waves.packet?;
-    start(method, &wave);
+fn above(method: &mut dyn Coupling, wave: &Wave) -> f64 {
+    start(method, wave);
     // At whole steps the energies of short waves oscillate; the invariant does not.
     let before = method.energy();
-    advance(method, time);
+    advance(method, wave.time);
     let share = beyond(method) / method.whole_energy();
-    Some((1.0 - share) * method.energy() / before)
+    (1.0 - share) * method.energy() / before
 }
 
-/// Runs from random velocities of all displacements. Returns the relative change of the energy, the change of
-/// the momentum over the sum of its moduli, and the wall time of a step \[s\].
-pub(super) fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 3] {
-    let mut next = random(1);
-    let moves = method.state().whole.places.moves.iter();
-    let v: Vec<f64> = moves.map(|m| if *m { next() } else { 0.0 }).collect();
+/// Runs from random velocities of all displacements. Returns the relative change of the energy, and the change
+/// of the momentum over the sum of its moduli.
+fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 2] {
+    let mut next = random();
+    let places = method.state().whole.places.iter();
+    let v: Vec<f64> = places.map(|p| if p.moves { next() } else { 0.0 }).collect();
     method.reset(&vec![0.0; v.len()], &v);
     let momentum = |m: &dyn Coupling| m.state().whole.momentum(&m.state().now.v);
-    let (energy, [before, size]) = (method.energy(), momentum(method));
-    let begin = Instant::now();
-    let steps = advance(method, waves.random);
-    let seconds = begin.elapsed().as_secs_f64() / steps;
-    let change = (momentum(method)[0] - before).abs() / size;
-    [method.energy() / energy - 1.0, change, seconds]
+    let [before, size] = momentum(method);
+    let drift = change(method, waves.random);
+    [drift, (momentum(method)[0] - before).abs() / size]
 }
 
 /// Largest deviation from uniform strain in the overlap, over the strain times the width; `None` if the
 /// method has no equilibrium.
 fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
     let system = &method.state().whole;
-    let places = &system.places;
     let layer = 0.6 * waves.spacing[1];
-    let ends = places
-        .x
-        .iter()
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], x| {
-            [a.min(*x), b.max(*x)]
-        });
-    let at_end = |x: f64| x <= ends[0] + layer || x >= ends[1] - layer;
-    let unknowns = places.x.iter().zip(&places.axial);
-    let held: Vec<bool> = unknowns.clone().map(|(x, a)| *a != 0.0 && at_end(*x)).collect();
-    let q: Vec<f64> = unknowns.map(|(x, a)| x * a).collect();
+    let x = system.places.iter().map(|p| p.x);
+    let [low, high] = [
+        x.clone().fold(0.0, f64::min) + layer,
+        x.fold(0.0, f64::max) - layer,
+    ];
+    let at_end = |p: &Place| p.axial != 0.0 && (p.x <= low || p.x >= high);
+    let held: Vec<bool> = system.places.iter().map(at_end).collect();
+    let q: Vec<f64> = system.places.iter().map(|p| p.x * p.axial).collect();
     let q = method.equilibrium(&q, &held)?;
     Ok(q.map(|q| deviation(system, &q, waves)))
 }
@@ -331,8 +303,8 @@ fn fit<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
 }
 
 /// Numbers from −1 to 1 that look random: the xorshift generator.
-fn random(seed: u64) -> impl FnMut() -> f64 {
-    let mut s = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+fn random() -> impl FnMut() -> f64 {
+    let mut s = 0x9e37_79b9_7f4a_7c15_u64;
     move || {
         s ^= s << 13;
         s ^= s >> 7;

@@ -17,28 +17,9 @@ use crate::scene::Scene;
 use crate::spec::Method;
 use case::Case;
 use measure::Waves;
-use method::Coupling;
+use reflections::Reflections;
 use serde::Serialize;
 use std::time::Instant;
-
-/// Options of a comparison.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Methods, in the order of the rows; the default comes first in any case, and a word given twice counts
-    /// once. Empty: that of the interface, or all if it is the default.
-    pub methods: Vec<Method>,
-    /// Stiffness of the springs of `penalty` over the stiffness of the particle that they hold \[–\].
-    pub penalty: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            methods: Vec::new(),
-            penalty: 1.0,
-        }
-    }
-}
 
 /// Result of a comparison.
 #[derive(Debug, Clone, Serialize)]
@@ -84,40 +65,37 @@ pub struct Row {
     pub cost: f64,
     /// Wall time of the set-up of the coupling \[s\].
     pub setup: f64,
-    /// Wall time of the steps per simulated time, over that of the default \[–\].
-    pub time: f64,
 }
 
-/// Couples the models of a scene by each method and measures them.
+/// Couples the models of a scene by the default and by other methods, and measures them. Without a method:
+/// that of the interface, or all if it is the default. `penalty` is the stiffness of the springs of `penalty`
+/// over the stiffness of the particle that they hold \[–\].
 ///
 /// # Errors
 /// Scenes in which a comparison has no meaning: other than one interface, a shell, models that are not
 /// linear, not of one section in line or too short; a penalty that is not positive.
 pub fn compare(
     scene: &Scene,
-    options: &Options,
+    methods: &[Method],
+    penalty: f64,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Board> {
-    let factor = options.penalty;
-    if !(factor > 0.0 && factor.is_finite()) {
+    if !(penalty > 0.0 && penalty.is_finite()) {
         let rule = "must be positive: the stiffness of the springs over that of a particle";
-        return Err(crate::error::value("--penalty", factor, rule));
+        return Err(crate::error::value("--penalty", penalty, rule));
     }
     let mut case = Case::new(scene.spec(), scene.folder(), announce)?;
-    let couple = |case: &mut Case, m: Method| -> Result<(f64, Box<dyn Coupling>)> {
-        let begin = Instant::now();
-        let coupling = method::couple(case, m, options.penalty)?;
-        Ok((begin.elapsed().as_secs_f64(), coupling))
-    };
-    let (_, default) = couple(&mut case, Method::Arlequin)?;
+    let default = method::couple(&mut case, Method::Arlequin, penalty)?;
     announce("fine everywhere", 0, 0);
-    let mut reference = method::fine_everywhere(&mut case)?;
+    let mut reference = Reflections::free(case.fine_everywhere()?)?;
     let waves = Waves::new(&case, &*default)?;
-    let (last, profile) = measure::row("fine everywhere", (0.0, &mut *reference), &waves, None)?;
+    let (last, profile) = measure::row("fine everywhere", (0.0, &mut reference), &waves, None)?;
     let (mut rows, mut refused) = (Vec::new(), Vec::new());
-    for m in chosen(scene, options) {
+    for m in chosen(scene, methods) {
         announce(m.name(), 0, 0);
-        let measured = couple(&mut case, m).and_then(|(setup, mut coupling)| {
+        let begin = Instant::now();
+        let measured = method::couple(&mut case, m, penalty).and_then(|mut coupling| {
+            let setup = begin.elapsed().as_secs_f64();
             measure::row(m.name(), (setup, &mut *coupling), &waves, Some(&profile))
         });
         match measured {
@@ -129,36 +107,27 @@ pub fn compare(
         }
     }
     rows.push(last);
-    let [critical, cost, time] = [rows[0].critical, rows[0].cost, rows[0].time];
+    let [critical, cost] = [rows[0].critical, rows[0].cost];
     for r in &mut rows {
         r.critical /= critical;
         r.cost /= cost;
-        r.time /= time;
     }
     Ok(Board {
         scene: scene.source().path.display().to_string(),
-        pulse: waves.down.0.half / case.spacing[0],
-        packet: waves.packet.map(|(wave, _)| wave.length / case.spacing[0]),
+        pulse: waves.down.half / case.spacing[0],
+        packet: waves.packet.map(|wave| wave.length / case.spacing[0]),
         rows,
         refused,
     })
 }
 
-/// Methods in the order of their rows, each once, the default first.
-fn chosen(scene: &Scene, options: &Options) -> Vec<Method> {
-    let own: Vec<Method> = scene.spec().interface.values().map(|i| i.method).collect();
-    let chosen: &[Method] = match (&*options.methods, &*own) {
-        ([], [Method::Arlequin]) => &Method::ALL,
-        ([], own) => own,
-        (chosen, _) => chosen,
-    };
-    let mut out = vec![Method::Arlequin];
-    for m in chosen {
-        if !out.contains(m) {
-            out.push(*m);
-        }
-    }
-    out
+/// Methods of the rows, each once, the default first.
+fn chosen(scene: &Scene, methods: &[Method]) -> Vec<Method> {
+    let word = scene.spec().interface.values().map(|i| i.method);
+    let word: Vec<_> = word.filter(|m| *m != Method::Arlequin).collect();
+    let chosen = if methods.is_empty() { &word } else { methods };
+    let is_chosen = |m: &Method| *m == Method::Arlequin || chosen.is_empty() || chosen.contains(m);
+    Method::ALL.into_iter().filter(is_chosen).collect()
 }
 
 /// Returns the method with a word.

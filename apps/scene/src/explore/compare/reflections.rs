@@ -1,7 +1,7 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
 use super::method::{Coupling, State};
-use super::sparse::{Followers, product, transposed};
+use super::sparse::{add, lift, product, transposed};
 use super::system::{Motion, System};
 use super::tie::Tie;
 use crate::error::Result;
@@ -22,14 +22,17 @@ pub(super) struct Pace {
 }
 
 impl Pace {
+    fn new(critical: f64, own: usize) -> Self {
+        Self {
+            step: SHARE * critical * own as f64,
+            own,
+            critical,
+        }
+    }
+
     /// One step for all unknowns of a system.
     pub(super) fn common(system: &System) -> Result<Self> {
-        let critical = system.critical(0..system.size())?;
-        Ok(Self {
-            step: SHARE * critical,
-            own: 1,
-            critical,
-        })
+        Ok(Self::new(system.critical(0..system.size())?, 1))
     }
 
     /// Own steps as a run chooses them: at most `most` of the fine model, within half of the coarse critical
@@ -38,12 +41,8 @@ impl Pace {
         let [coarse, fine] = system.sides().map(|side| system.critical(side));
         let (coarse, fine) = (coarse?, fine?);
         let critical = coarse.min(fine);
-        let own = ((0.5 * coarse / (SHARE * critical)) as usize).clamp(1, most);
-        Ok(Self {
-            step: SHARE * critical * own as f64,
-            own,
-            critical,
-        })
+        let own = (0.5 * coarse / (SHARE * critical)) as usize;
+        Ok(Self::new(critical, own.clamp(1, most)))
     }
 
     /// Own step of the fine model \[s\].
@@ -56,7 +55,7 @@ impl Pace {
 #[derive(Debug)]
 pub(super) struct Reflections {
     pub(super) system: System,
-    pub(super) tie: Option<Tie>,
+    pub(super) tie: Tie,
     /// True if multipliers correct velocities only.
     pub(super) once: bool,
     /// True if an equilibrium minimises an energy: the stiffness is symmetric.
@@ -70,7 +69,7 @@ pub(super) struct Reflections {
 
 impl Reflections {
     /// Makes the stepping of a system with a constraint.
-    pub(super) fn new(system: System, tie: Option<Tie>, pace: Pace) -> Self {
+    pub(super) fn new(system: System, tie: Tie, pace: Pace) -> Self {
         Self {
             state: State::new(system.clone(), pace),
             kick: vec![0.0; system.size()],
@@ -82,9 +81,16 @@ impl Reflections {
         }
     }
 
+    /// Makes the stepping of a system without a constraint.
+    pub(super) fn free(system: System) -> Result<Self> {
+        let tie = Tie::exact(CsMat::zero((0, system.size())), &system.inverse)?;
+        let pace = Pace::common(&system)?;
+        Ok(Self::new(system, tie, pace))
+    }
+
     /// Makes the stepping of `Tᵀ K T` with masses `Tᵀ m`: some unknowns follow others.
-    pub(super) fn following(whole: System, followers: &Followers) -> Result<Self> {
-        let lift = followers.lift();
+    pub(super) fn following(whole: System, followers: &CsMat<f64>) -> Result<Self> {
+        let lift = lift(followers);
         let back = transposed(&lift);
         let stiffness = &(&back * &whole.stiffness) * &lift;
         let mass = product(&back, &whole.mass);
@@ -92,72 +98,61 @@ impl Reflections {
         // A node that nothing follows has neither mass nor stiffness.
         let full = mass.iter().map(|m| if *m > 1e-12 * top { *m } else { top });
         let full: Vec<f64> = full.collect();
-        let system = System::new(whole.places.clone(), mass, &full, stiffness);
-        let pace = Pace::common(&system)?;
+        let system = System::new((whole.places.clone(), whole.split), mass, &full, stiffness);
+        let free = Self::free(system)?;
         Ok(Self {
-            state: State::new(whole, pace),
+            state: State::new(whole, free.state.pace),
             lift: Some(lift),
-            ..Self::new(system, None, pace)
+            ..free
         })
     }
 
     /// Reflects velocities at the constraint, and moves the unknowns that follow others.
     fn reflect(&mut self) {
-        if let Some(t) = &self.tie {
-            self.kick = t.kick(&self.state.now.v, &self.system.inverse);
-            self.turn();
+        let now = &mut self.state.now;
+        if self.tie.rows.rows() > 0 {
+            self.kick = self.tie.kick(&now.v, &self.system.inverse);
+            add(&mut now.v, -1.0, &self.kick);
         }
         if let Some(lift) = &self.lift {
-            let now = &mut self.state.now;
             (now.q, now.v) = (product(lift, &now.q), product(lift, &now.v));
         }
-    }
-
-    /// Subtracts half of the last reflection.
-    fn turn(&mut self) {
-        let pairs = self.state.now.v.iter_mut().zip(&self.kick);
-        pairs.for_each(|(v, k)| *v -= k);
     }
 }
 
 impl Coupling for Reflections {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
         let inverse = &self.system.inverse;
-        let [mut q, v] = [q, v].map(|x| {
-            let weighted = x.iter().zip(inverse);
-            weighted
+        let weighted = |x: &[f64]| {
+            x.iter()
+                .zip(inverse)
                 .map(|(x, w)| if *w > 0.0 { *x } else { 0.0 })
-                .collect::<Vec<_>>()
-        });
-        if let Some(t) = &self.tie {
-            t.project(&mut q, inverse);
-        }
+                .collect()
+        };
+        let [mut q, v]: [Vec<f64>; 2] = [q, v].map(weighted);
+        self.tie.project(&mut q, inverse);
         self.state.now = Motion::new(q, v);
         self.reflect();
         self.system.accelerate(&mut self.state.now, 0..self.system.size());
         // The start is consistent: the first half reflection takes the jump of the accelerations.
-        if let Some(t) = self.tie.as_ref().filter(|_| !self.once) {
-            self.kick = t.kick(&self.state.now.a, &self.system.inverse);
-            self.kick
-                .iter_mut()
-                .for_each(|k| *k *= 0.5 * self.state.pace.step);
+        if !self.once {
+            let jump = self.tie.kick(&self.state.now.a, &self.system.inverse);
+            self.kick = jump.iter().map(|k| k * (0.5 * self.state.pace.step)).collect();
         }
     }
 
     fn advance(&mut self) {
-        if !self.once {
-            self.turn();
-        }
         let (all, [coarse, fine]) = (0..self.system.size(), self.system.sides());
-        let Pace { step, own, .. } = self.state.pace;
+        let (now, Pace { step, own, .. }) = (&mut self.state.now, self.state.pace);
+        if !self.once {
+            add(&mut now.v, -1.0, &self.kick);
+        }
         if own == 1 {
-            self.system.step(&mut self.state.now, all, step);
+            self.system.step(now, all, step);
         } else {
-            self.system.step(&mut self.state.now, coarse, step);
-            for _ in 0..own {
-                self.system
-                    .step(&mut self.state.now, fine.clone(), self.state.pace.own_step());
-            }
+            self.system.step(now, coarse, step);
+            let dt = self.state.pace.own_step();
+            (0..own).for_each(|_| self.system.step(now, fine.clone(), dt));
         }
         self.reflect();
     }
@@ -168,34 +163,25 @@ impl Coupling for Reflections {
 
     /// `Σ ½ v₊ᵀMv₊ + ½ qᵀ(K − ¼Δt²KM⁻¹K)q` over the models, with the velocities after a reflection.
     fn energy(&self) -> f64 {
+        let Motion { q, v, a } = &self.state.now;
+        let steps = [self.state.pace.step, self.state.pace.own_step()];
         let term = |i: usize| {
-            let is_coarse = i < self.system.places.split;
-            let dt = if is_coarse {
-                self.state.pace.step
-            } else {
-                self.state.pace.own_step()
-            };
-            let after = self.state.now.v[i] - if self.once { 0.0 } else { self.kick[i] };
-            let (q, a) = (self.state.now.q[i], self.state.now.a[i]);
-            0.5 * self.system.mass[i] * (after * after - q * a - 0.25 * dt * dt * a * a)
+            let dt = steps[usize::from(i >= self.system.split)];
+            let after = v[i] - if self.once { 0.0 } else { self.kick[i] };
+            0.5 * self.system.mass[i] * (after * after - q[i] * a[i] - 0.25 * dt * dt * a[i] * a[i])
         };
         self.system.weighted().map(term).sum()
     }
 
     fn work(&self) -> f64 {
-        self.system.work(self.state.pace.own) + self.tie.as_ref().map_or(0.0, Tie::work)
+        self.system.work(self.state.pace.own) + self.tie.work()
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
         if !self.symmetric {
             return Ok(None);
         }
-        let rows = self.tie.as_ref().map(|t| &t.rows);
-        let free = self.system.equilibrium(q.to_vec(), held, rows)?;
-        Ok(Some(
-            self.lift
-                .as_ref()
-                .map_or(free.clone(), |lift| product(lift, &free)),
-        ))
+        let q = self.system.equilibrium(q.to_vec(), held, &self.tie.rows)?;
+        Ok(Some(self.lift.iter().fold(q, |q, lift| product(lift, &q))))
     }
 }

@@ -1,30 +1,29 @@
-//! Products with sparse matrices stored by rows, and unknowns that follow others.
+//! Products with sparse matrices stored by rows, and unknowns that follow others by shape functions.
 
-use arlequin::core::ShapeRow;
 use arlequin::core::sprs::{CsMat, TriMat};
-use std::ops::Range;
 
-/// Adds `scale (A x)_i` to `out[i]` for the rows of a range.
-pub(super) fn add_product(a: &CsMat<f64>, x: &[f64], scale: f64, rows: Range<usize>, out: &mut [f64]) {
-    let indptr = a.indptr();
-    let (start, columns, values) = (indptr.raw_storage(), a.indices(), a.data());
-    for i in rows {
-        let entries = start[i]..start[i + 1];
-        let row = columns[entries.clone()].iter().zip(&values[entries]);
-        out[i] += scale * row.map(|(j, v)| v * x[*j]).sum::<f64>();
-    }
+/// Returns `Σ A_ij x_j`.
+#[inline]
+pub(super) fn row_product(a: &CsMat<f64>, i: usize, x: impl Fn(usize) -> f64) -> f64 {
+    let start = a.indptr();
+    let row = start.raw_storage()[i]..start.raw_storage()[i + 1];
+    let entries = a.indices()[row.clone()].iter().zip(&a.data()[row]);
+    entries.fold(0.0, |sum, (j, v)| sum + v * x(*j))
 }
 
 /// Returns `A x`.
 pub(super) fn product(a: &CsMat<f64>, x: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; a.rows()];
-    add_product(a, x, 1.0, 0..a.rows(), &mut out);
-    out
+    (0..a.rows()).map(|i| row_product(a, i, |j| x[j])).collect()
 }
 
 /// Returns `x · y`.
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(a, b)| a * b).sum()
+}
+
+/// Computes `x ← x + s y`.
+pub(super) fn add(x: &mut [f64], s: f64, y: &[f64]) {
+    x.iter_mut().zip(y).for_each(|(x, y)| *x += s * y);
 }
 
 /// Returns the transpose, by rows.
@@ -45,50 +44,18 @@ pub(super) fn congruence(a: &CsMat<f64>, d: &[f64]) -> CsMat<f64> {
     &transposed(a) * &(&diagonal(d.iter().copied()) * a)
 }
 
-/// Unknowns that follow others: `q_i = Σ N_ij q_j`.
-#[derive(Debug)]
-pub(super) struct Followers {
-    /// `N` over all unknowns; rows of those that follow none are empty.
-    pub(super) rows: CsMat<f64>,
-    /// One for unknowns that follow, zero for others.
-    follow: Vec<f64>,
+/// Returns whether an unknown follows others: `q_i = Σ N_ij q_j`. Rows of `N` of those that follow none are
+/// empty.
+pub(super) fn follows(n: &CsMat<f64>, i: usize) -> bool {
+    !n.indptr().outer_inds_sz(i).is_empty()
 }
 
-impl Followers {
-    /// Makes the `d` displacements of nodes, each given by its first unknown, follow a field whose unknowns
-    /// begin at a number, by shape functions.
-    pub(super) fn new(size: usize, d: usize, nodes: &[(usize, usize, ShapeRow<f64>)]) -> Self {
-        let (mut rows, mut follow) = (TriMat::new((size, size)), vec![0.0; size]);
-        for (first, field, row) in nodes {
-            for c in 0..d {
-                follow[first + c] = 1.0;
-                let shapes = row.nodes.iter().zip(&row.values);
-                shapes.for_each(|(node, value)| rows.add_triplet(first + c, field + node * d + c, *value));
-            }
-        }
-        Self {
-            rows: rows.to_csr(),
-            follow,
-        }
-    }
+/// Returns the rows `Σ N_ij q_j − q_i` of the unknowns that follow; empty rows of others.
+pub(super) fn constraint(n: &CsMat<f64>) -> CsMat<f64> {
+    n + &diagonal((0..n.rows()).map(|i| -f64::from(u8::from(follows(n, i)))))
+}
 
-    /// Returns whether an unknown follows others.
-    pub(super) fn has(&self, i: usize) -> bool {
-        self.follow[i] > 0.0
-    }
-
-    /// Number of unknowns that follow.
-    pub(super) fn count(&self) -> usize {
-        self.follow.iter().filter(|f| **f > 0.0).count()
-    }
-
-    /// Rows `Σ N_ij q_j − q_i` of the unknowns that follow; empty rows of others.
-    pub(super) fn constraint(&self) -> CsMat<f64> {
-        &self.rows + &diagonal(self.follow.iter().map(|f| -f))
-    }
-
-    /// Returns `T` of `q = T p`, whose columns of unknowns that follow are empty.
-    pub(super) fn lift(&self) -> CsMat<f64> {
-        &self.rows + &diagonal(self.follow.iter().map(|f| 1.0 - f))
-    }
+/// Returns `T` of `q = T p`, whose columns of unknowns that follow are empty.
+pub(super) fn lift(n: &CsMat<f64>) -> CsMat<f64> {
+    n + &diagonal((0..n.rows()).map(|i| f64::from(u8::from(!follows(n, i)))))
 }

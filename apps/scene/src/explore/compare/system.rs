@@ -1,6 +1,6 @@
 //! Linear unknowns of one or two weighted models along an axis, and their equilibrium.
 
-use super::sparse::{add_product, dot, product};
+use super::sparse::{add, dot, product, row_product};
 use super::tie::Tie;
 use crate::error::{Result, core, key};
 use arlequin::core::spectrum::critical_step;
@@ -8,30 +8,17 @@ use arlequin::core::sprs::CsMat;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Places of the unknowns.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Places {
-    /// Distance of each unknown from the coarse border of the overlap, towards the fine model \[m\].
-    pub(super) x: Vec<f64>,
-    /// Cosine between the unknown's direction and the axis; zero for rotations.
-    pub(super) axial: Vec<f64>,
+/// Place of an unknown.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Distance from the coarse border of the overlap, towards the fine model \[m\].
+    pub(super) x: f64,
+    /// Cosine between the direction of the unknown and the axis; zero for rotations.
+    pub(super) axial: f64,
     /// Distance from the axis in the unknown's direction, times Poisson's ratio \[m\]; zero for rotations.
-    pub(super) across: Vec<f64>,
+    pub(super) across: f64,
     /// True for displacements.
-    pub(super) moves: Vec<bool>,
-    /// Number of unknowns of the coarse model, which come first.
-    pub(super) split: usize,
-}
-
-impl Places {
-    /// Appends the unknowns of another model.
-    pub(super) fn append(&mut self, other: &Self) {
-        self.split = self.x.len();
-        self.x.extend(&other.x);
-        self.axial.extend(&other.axial);
-        self.across.extend(&other.across);
-        self.moves.extend(&other.moves);
-    }
+    pub(super) moves: bool,
 }
 
 /// Displacements, velocities and accelerations of all unknowns.
@@ -62,17 +49,17 @@ impl Motion {
 
     /// Subtracts a share of an acceleration, and its half step from the velocities.
     pub(super) fn brake(&mut self, range: Range<usize>, push: &[f64], share: f64, dt: f64) {
-        for i in range {
-            self.a[i] -= share * push[i];
-            self.v[i] -= 0.5 * dt * share * push[i];
-        }
+        add(&mut self.a[range.clone()], -share, &push[range.clone()]);
+        add(&mut self.v[range.clone()], -0.5 * dt * share, &push[range]);
     }
 }
 
 /// Weighted masses and stiffness.
 #[derive(Debug, Clone)]
 pub(super) struct System {
-    pub(super) places: Arc<Places>,
+    pub(super) places: Arc<[Place]>,
+    /// Number of unknowns of the coarse model, which come first.
+    pub(super) split: usize,
     /// Lumped inertia \[kg, kg m²\].
     pub(super) mass: Vec<f64>,
     /// Its inverse; zero for unknowns without weight.
@@ -89,13 +76,19 @@ const SETTLED: f64 = 1e-22;
 const MOST_ITERATIONS: usize = 30_000;
 
 impl System {
-    /// Makes a system; `full` are the masses without weights.
-    pub(super) fn new(places: Arc<Places>, mass: Vec<f64>, full: &[f64], stiffness: CsMat<f64>) -> Self {
+    /// Makes a system of unknowns at places; `full` are the masses without weights.
+    pub(super) fn new(
+        (places, split): (Arc<[Place]>, usize),
+        mass: Vec<f64>,
+        full: &[f64],
+        stiffness: CsMat<f64>,
+    ) -> Self {
         let inverse = mass.iter().zip(full);
         let inverse = inverse.map(|(m, f)| if *m > NO_WEIGHT * f { 1.0 / m } else { 0.0 });
         Self {
             inverse: inverse.collect(),
             places,
+            split,
             mass,
             stiffness,
         }
@@ -108,7 +101,7 @@ impl System {
 
     /// Unknowns of the coarse and of the fine model.
     pub(super) fn sides(&self) -> [Range<usize>; 2] {
-        [0..self.places.split, self.places.split..self.size()]
+        [0..self.split, self.split..self.size()]
     }
 
     /// Unknowns with weight.
@@ -118,7 +111,7 @@ impl System {
 
     /// Unknowns with mass that move along the axis.
     pub(super) fn axial(&self) -> impl Iterator<Item = usize> {
-        (0..self.size()).filter(|i| self.places.axial[*i] != 0.0 && self.mass[*i] > 0.0)
+        (0..self.size()).filter(|i| self.places[*i].axial != 0.0 && self.mass[*i] > 0.0)
     }
 
     /// Diagonal entry of the stiffness.
@@ -131,7 +124,7 @@ impl System {
         let mut inverse = vec![0.0; self.size()];
         inverse[range.clone()].copy_from_slice(&self.inverse[range]);
         let mut forces = |q: &[f64], f: &mut [f64]| {
-            add_product(&self.stiffness, q, -1.0, 0..q.len(), f);
+            add(f, -1.0, &product(&self.stiffness, q));
             Ok(())
         };
         critical_step(&inverse, &mut forces).map_err(core("compare"))
@@ -139,9 +132,8 @@ impl System {
 
     /// Computes the accelerations `−W K q` of a range of unknowns.
     pub(super) fn accelerate(&self, m: &mut Motion, range: Range<usize>) {
-        m.a[range.clone()].fill(0.0);
-        add_product(&self.stiffness, &m.q, -1.0, range.clone(), &mut m.a);
-        range.for_each(|i| m.a[i] *= self.inverse[i]);
+        let force = |i: usize| -row_product(&self.stiffness, i, |j| m.q[j]);
+        range.for_each(|i| m.a[i] = force(i) * self.inverse[i]);
     }
 
     /// Makes a step of velocity Verlet for a range of unknowns.
@@ -154,7 +146,7 @@ impl System {
     /// Multiplications of one step of the coarse model and of `own` steps of the fine one.
     pub(super) fn work(&self, own: usize) -> f64 {
         let start = self.stiffness.indptr();
-        let (coarse, all) = (start.index(self.places.split), start.index(self.size()));
+        let (coarse, all) = (start.index(self.split), start.index(self.size()));
         (coarse + own * (all - coarse)) as f64
     }
 
@@ -169,49 +161,40 @@ impl System {
 
     /// Momentum along the axis \[kg m/s\], and the sum of its moduli.
     pub(super) fn momentum(&self, v: &[f64]) -> [f64; 2] {
-        let parts = self
-            .weighted()
-            .map(|i| self.mass[i] * v[i] * self.places.axial[i]);
+        let part = |i: usize| self.mass[i] * v[i] * self.places[i].axial;
+        let parts = self.weighted().map(part);
         parts.fold([0.0; 2], |[p, s], x| [p + x, s + x.abs()])
     }
 
     /// Returns whether a displacement without mass has stiffness: forces on it would be lost.
     pub(super) fn is_anchored(&self) -> bool {
-        let top = (0..self.size())
-            .map(|i| self.own_stiffness(i))
-            .fold(0.0, f64::max);
+        let stiffness = (0..self.size()).map(|i| self.own_stiffness(i));
+        let top = stiffness.fold(0.0, f64::max);
         let stiff = |i: usize| self.own_stiffness(i) > 1e-9 * top;
-        (0..self.size()).any(|i| self.places.moves[i] && self.inverse[i] == 0.0 && stiff(i))
+        (0..self.size()).any(|i| self.places[i].moves && self.inverse[i] == 0.0 && stiff(i))
     }
 
     /// Finds the equilibrium `K q + Gᵀ λ = 0`, `G q = 0` with the held unknowns of `q`, by conjugate
     /// gradients in the space of the constraint.
-    pub(super) fn equilibrium(
-        &self,
-        mut q: Vec<f64>,
-        held: &[bool],
-        rows: Option<&CsMat<f64>>,
-    ) -> Result<Vec<f64>> {
+    pub(super) fn equilibrium(&self, mut q: Vec<f64>, held: &[bool], rows: &CsMat<f64>) -> Result<Vec<f64>> {
         let scale = |i: usize| {
             let own = self.own_stiffness(i);
             let is_free = !held[i] && self.inverse[i] > 0.0 && own > 0.0;
             if is_free { 1.0 / own } else { 0.0 }
         };
         let scale: Vec<f64> = (0..self.size()).map(scale).collect();
-        let tie = rows.map(|g| Tie::exact(g.clone(), &scale)).transpose()?;
-        let project = |x: &mut Vec<f64>| tie.iter().for_each(|t| t.project(x, &scale));
-        project(&mut q);
-        let mut r = vec![0.0; self.size()];
-        add_product(&self.stiffness, &q, -1.0, 0..q.len(), &mut r);
+        let tie = Tie::exact(rows.clone(), &scale)?;
+        tie.project(&mut q, &scale);
+        let mut r: Vec<f64> = product(&self.stiffness, &q).iter().map(|f| -f).collect();
         let start = -0.5 * dot(&q, &r);
         let mut p = vec![0.0; self.size()];
         let mut before = f64::INFINITY;
         for _ in 0..MOST_ITERATIONS {
             // Multipliers balance most of the residual. Left in, they would drown the rest, and round-off
             // would lead the iteration out of the constraint.
-            tie.iter().for_each(|t| t.balance(&mut r, &scale));
+            tie.balance(&mut r, &scale);
             let mut z: Vec<f64> = r.iter().zip(&scale).map(|(r, s)| r * s).collect();
-            project(&mut z);
+            tie.project(&mut z, &scale);
             let now = dot(&r, &z);
             if now <= SETTLED * start {
                 return Ok(q);
@@ -226,8 +209,8 @@ impl System {
                 return Ok(q);
             }
             let alpha = now / curvature;
-            q.iter_mut().zip(&p).for_each(|(q, p)| *q += alpha * p);
-            r.iter_mut().zip(&kp).for_each(|(r, k)| *r -= alpha * k);
+            add(&mut q, alpha, &p);
+            add(&mut r, -alpha, &kp);
         }
         let rule = format!("no equilibrium after {MOST_ITERATIONS} iterations; take a smaller scene");
         Err(key("compare", rule))

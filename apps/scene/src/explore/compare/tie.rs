@@ -1,7 +1,8 @@
 //! Constraints `G v = 0` and the multipliers that answer a jump.
 
-use super::sparse::{add_product, congruence, product, transposed};
+use super::sparse::{add, congruence, product, transposed};
 use crate::error::{Result, value};
+use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::nalgebra::{DMatrix, DVector};
 use arlequin::core::sprs::CsMat;
 
@@ -91,13 +92,13 @@ impl Tie {
     /// Subtracts `W Gᵀ R G v` from `v`.
     pub(super) fn project(&self, v: &mut [f64], inverse: &[f64]) {
         let change = self.kick(v, inverse);
-        v.iter_mut().zip(&change).for_each(|(v, c)| *v -= c);
+        add(v, -1.0, &change);
     }
 
     /// Subtracts from forces `r` those of the multipliers that balance them: `r ← r − Gᵀ R G W r`.
     pub(super) fn balance(&self, r: &mut [f64], inverse: &[f64]) {
         let moved: Vec<f64> = r.iter().zip(inverse).map(|(r, w)| r * w).collect();
-        add_product(&self.back, &self.answer(&moved), -1.0, 0..r.len(), r);
+        add(r, -1.0, &product(&self.back, &self.answer(&moved)));
     }
 
     /// Multiplications of one answer.
@@ -107,37 +108,15 @@ impl Tie {
     }
 }
 
-/// Groups of rows that share no entry with each other; rows of zeros are in none.
+/// Groups of rows that share no entry with each other.
 fn blocks(a: &CsMat<f64>) -> Vec<Vec<usize>> {
     // Products of unlike components leave zeros.
-    let entries = |i: usize| {
-        let row = a.outer_view(i).into_iter();
-        row.flat_map(|r| {
-            r.iter()
-                .filter(|(_, v)| **v != 0.0)
-                .map(|(j, _)| j)
-                .collect::<Vec<_>>()
-        })
-    };
-    let mut seen = vec![false; a.rows()];
-    let mut out = Vec::new();
-    for first in 0..a.rows() {
-        if seen[first] || entries(first).next().is_none() {
-            continue;
-        }
-        let (mut members, mut next) = (vec![first], 0);
-        seen[first] = true;
-        while next < members.len() {
-            for j in entries(members[next]) {
-                if !std::mem::replace(&mut seen[j], true) {
-                    members.push(j);
-                }
-            }
-            next += 1;
-        }
-        members.sort_unstable();
-        out.push(members);
-    }
+    let entries = a.iter().filter(|(v, _)| **v != 0.0);
+    let pairs = entries.map(|(_, (i, j))| [i as u32, j as u32]);
+    let mut out = vec![Vec::new(); a.rows()];
+    let lowest = lowest_connected(a.rows(), pairs).into_iter().enumerate();
+    lowest.for_each(|(i, first)| out[first as usize].push(i));
+    out.retain(|members| !members.is_empty());
     out
 }
 

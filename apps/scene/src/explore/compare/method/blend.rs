@@ -2,10 +2,7 @@
 //! coarse energy of a zone replaced by that of its particles (ONIOM). Particles that follow the coarse
 //! model join them.
 
-use crate::error::Result;
-use crate::explore::compare::case::{COARSE, Case, FINE};
-use crate::explore::compare::reflections::Reflections;
-use crate::spec::Method;
+use super::{COARSE, Case, FINE, Method, Reflections, Result};
 use arlequin::core::Weights;
 
 /// Weights both energies; the particles of the overlap follow the coarse model.
@@ -47,7 +44,7 @@ pub(super) fn oniom(case: &mut Case) -> Result<Reflections> {
 /// on the side of the fine model. Particles must reach beyond it.
 fn border(case: &Case) -> Option<f64> {
     let rounded = 1e-6 * case.width;
-    let layers = case.parts[COARSE].places.x.iter().copied();
+    let layers = case.parts[COARSE].places.iter().map(|p| p.x);
     let layers = layers.filter(|x| *x > rounded && *x <= case.width + rounded);
     let off = |x: &f64| (x - 0.5 * case.width).abs();
     let least = layers.clone().map(|x| off(&x)).fold(f64::INFINITY, f64::min);

@@ -2,19 +2,14 @@
 //! of the zone the force of the particles that are not there.
 //!
 //! The slope of the coarse field beside the end is that of the middle of an element, which sends back a
-//! little of a wave that both models carry (Tang, Hou and Liu 2006). The force of the end therefore works on
-//! what passes: a wave that travels through loses energy. A standing wave loses or gains, by its phase at the
-//! end. Waves of 7 to 50 coarse spacings between free ends gained without bound in two lines of which the
-//! zone takes more than half, and lost most of their energy in one of which it takes half; a longer memory
-//! changes nothing. Figures hold for waves that pass the end a few times.
+//! little of a wave that both models carry (Tang, Hou and Liu 2006). The force of the end works on what
+//! passes: a wave that travels through loses energy; a standing wave between free ends gains without bound
+//! or loses, by its phase at the end, whatever the memory. Figures hold for waves that pass a few times.
 
-use super::{Coupling, State};
-use crate::error::Result;
-use crate::explore::compare::case::{COARSE_EVERYWHERE, Case, FINE, FINE_EVERYWHERE};
-use crate::explore::compare::reflections::Pace;
-use crate::explore::compare::sparse::{Followers, dot, product, transposed};
-use crate::explore::compare::system::{Motion, System};
-use crate::spec::Method;
+use super::{
+    COARSE_EVERYWHERE, Case, Coupling, FINE, FINE_EVERYWHERE, Method, Motion, Pace, Result, State, System,
+    dot, follows, product, transposed,
+};
 use arlequin::core::Uniform;
 use arlequin::core::sprs::CsMat;
 use std::ops::Range;
@@ -30,9 +25,8 @@ const EQUAL: f64 = 1e-9;
 pub(super) struct Bridging {
     /// Coarse nodes without mass, then all particles; those outside of the zone follow the nodes.
     state: State,
-    /// Particles that follow the coarse nodes by `N`, and `Nᵀ`.
-    followers: Followers,
-    back: CsMat<f64>,
+    /// `N`, by which particles follow the coarse nodes, and `Nᵀ`.
+    shapes: [CsMat<f64>; 2],
     /// Masses `Nᵀ m` of the coarse nodes.
     mass: Vec<f64>,
     zone: Range<usize>,
@@ -51,23 +45,21 @@ pub(super) struct Bridging {
 impl Bridging {
     /// Couples a chain of equal neighbours, whose zone ends in the middle of the overlap.
     pub(super) fn new(case: &mut Case) -> Result<Self> {
-        let refusal = |case: &Case| {
-            let rule = "needs the memory of the particles that are left out, which is known for a chain of equal neighbours only";
-            Err(case.refusal(Method::BridgingScale, rule))
-        };
+        let rule = "needs the memory of the particles that are left out, which is known for a chain of equal neighbours only";
+        let refusal = |case: &Case, rule| Err(case.refusal(Method::BridgingScale, rule));
         if case.components() != 1 {
-            return refusal(case);
+            return refusal(case, rule);
         }
         let whole = case.slaved(COARSE_EVERYWHERE, &Uniform(1.0))?;
         let everywhere = [f64::NEG_INFINITY, f64::INFINITY];
-        let followers = case.followers([COARSE_EVERYWHERE, FINE_EVERYWHERE], everywhere, &|_| true);
+        let shapes = case.followers([COARSE_EVERYWHERE, FINE_EVERYWHERE], everywhere, &|_| true);
         let [nodes, particles] = whole.sides();
-        if followers.count() != particles.len() || !equal_neighbours(&whole) {
-            return refusal(case);
+        if !particles.clone().all(|i| follows(&shapes, i)) || !equal_neighbours(&whole) {
+            return refusal(case, rule);
         }
         let Some((end, node)) = end_of_zone(case, &whole) else {
             let rule = "needs a particle on a coarse node inside of the overlap; take a mesh of a multiple of the spacing";
-            return Err(case.refusal(Method::BridgingScale, rule));
+            return refusal(case, rule);
         };
         let zone = if end[1] > end[0] {
             particles.start..end[1]
@@ -75,15 +67,14 @@ impl Bridging {
             end[0]..particles.end
         };
         let bond = -whole.stiffness.get(end[0], end[1]).copied().unwrap_or(0.0);
-        let back = transposed(&followers.rows);
+        let back = transposed(&shapes);
         let pace = Pace::common(&whole)?;
         Ok(Self {
             mass: product(&back, &whole.mass)[nodes].to_vec(),
             kernel: kernel(whole.inverse[end[0]] * bond * pace.step.powi(2)),
             state: State::new(whole, pace),
             past: Vec::new(),
-            followers,
-            back,
+            shapes: [shapes, back],
             zone,
             end,
             bond,
@@ -94,15 +85,15 @@ impl Bridging {
     /// Returns `Nᵀ M x / Nᵀ m` at the coarse nodes.
     fn project(&self, x: &[f64]) -> Vec<f64> {
         let weighted: Vec<f64> = x.iter().zip(&self.state.whole.mass).map(|(x, m)| x * m).collect();
-        let sums = product(&self.back, &weighted).into_iter();
+        let sums = product(&self.shapes[1], &weighted).into_iter();
         sums.zip(&self.mass).map(|(s, m)| s / m).collect()
     }
 
     /// Lets the particles outside of the zone follow the coarse model.
     fn follow(&mut self) {
-        let now = &mut self.state.now;
-        let [q, v] = [&now.q, &now.v].map(|x| product(&self.followers.rows, x));
-        let [_, particles] = self.state.whole.sides();
+        let State { whole, now, .. } = &mut self.state;
+        let [q, v] = [&now.q, &now.v].map(|x| product(&self.shapes[0], x));
+        let [_, particles] = whole.sides();
         for i in particles.filter(|i| !self.zone.contains(i)) {
             (now.q[i], now.v[i]) = (q[i], v[i]);
         }
@@ -115,12 +106,12 @@ impl Bridging {
         let [last, neighbour] = self.end;
         let memory = self.past.iter().rev().zip(&self.kernel);
         let force = self.bond * memory.map(|(w, k)| w * k).sum::<f64>();
-        self.past
-            .push(self.state.now.q[last] - self.state.now.q[self.node]);
-        let [nodes, particles] = self.state.whole.sides();
-        self.state.whole.accelerate(&mut self.state.now, particles);
-        self.state.now.a[last] += self.state.whole.inverse[last] * force;
-        self.state.now.a[neighbour] -= self.state.whole.inverse[neighbour] * force;
+        let State { whole, now, .. } = &mut self.state;
+        self.past.push(now.q[last] - now.q[self.node]);
+        let [nodes, particles] = whole.sides();
+        whole.accelerate(now, particles);
+        now.a[last] += whole.inverse[last] * force;
+        now.a[neighbour] -= whole.inverse[neighbour] * force;
         let coarse = self.project(&self.state.now.a);
         self.state.now.a[nodes].copy_from_slice(&coarse);
     }
@@ -137,11 +128,13 @@ impl Coupling for Bridging {
 
     fn advance(&mut self) {
         let ([nodes, _], zone, dt) = (self.state.whole.sides(), self.zone.clone(), self.state.pace.step);
-        self.state.now.drift(zone.clone(), dt);
-        self.state.now.drift(nodes.clone(), dt);
+        for range in [&zone, &nodes] {
+            self.state.now.drift(range.clone(), dt);
+        }
         self.accelerate();
-        self.state.now.kick(zone, dt);
-        self.state.now.kick(nodes, dt);
+        for range in [zone, nodes] {
+            self.state.now.kick(range, dt);
+        }
         self.follow();
     }
 
@@ -159,17 +152,15 @@ impl Coupling for Bridging {
 /// Finds the last particle of the zone, which lies on a coarse node near the middle of the overlap, its
 /// neighbour outside, and the node.
 fn end_of_zone(case: &Case, whole: &System) -> Option<([usize; 2], usize)> {
-    let x = &whole.places.x;
+    let x = |i: usize| whole.places[i].x;
     let [nodes, particles] = whole.sides();
-    let off = |k: &usize| (x[*k] - 0.5 * case.width).abs();
+    let off = |k: &usize| (x(*k) - 0.5 * case.width).abs();
     let node = nodes.min_by(|a, b| off(a).total_cmp(&off(b)))?;
-    let on_node = |i: &usize| (x[*i] - x[node]).abs() <= 1e-6 * case.spacing[FINE];
-    let last = particles
-        .clone()
-        .find(on_node)
-        .filter(|_| off(&node) < 0.5 * case.width)?;
+    let on_node = |i: &usize| (x(*i) - x(node)).abs() <= 1e-6 * case.spacing[FINE];
+    let mut found = particles.clone().filter(on_node);
+    let last = found.next().filter(|_| off(&node) < 0.5 * case.width)?;
     let neighbours = [last - 1, last + 1].into_iter().filter(|i| particles.contains(i));
-    let neighbour = neighbours.min_by(|a, b| x[*a].total_cmp(&x[*b]))?;
+    let neighbour = neighbours.min_by(|a, b| x(*a).total_cmp(&x(*b)))?;
     Some(([last, neighbour], node))
 }
 
@@ -186,7 +177,7 @@ fn equal_neighbours(whole: &System) -> bool {
 /// Returns `θ_1, θ_2, …` with `r = Δt² k/m`. A chain of neighbours under velocity Verlet answers to the
 /// motion of its end by `Θ(w)` with `(1/w − 2 + w)/r + 2 = Θ + 1/Θ`, `w` the shift by a step; the series of
 /// `Θ` follows from `θ_n = (2 − 2r) θ_{n−1} − θ_{n−2} + r (δ_{n1} + Σ θ_k θ_{n−1−k})`.
-pub(in crate::explore::compare) fn kernel(r: f64) -> Vec<f64> {
+fn kernel(r: f64) -> Vec<f64> {
     let mut out = vec![0.0, r];
     for n in 2..=MEMORY {
         let reversed: Vec<f64> = out[..n].iter().rev().copied().collect();

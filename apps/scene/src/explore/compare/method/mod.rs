@@ -8,14 +8,14 @@ mod particles;
 mod quasicontinuum;
 mod schwarz;
 
-use super::case::Case;
-use super::reflections::{Pace, Reflections};
+use super::case::{COARSE, COARSE_EVERYWHERE, Case, FINE, FINE_EVERYWHERE, with_complement};
+use super::reflections::{MOST_OWN, Pace, Reflections};
+use super::sparse::{add, congruence, constraint, diagonal, dot, follows, product, row_product, transposed};
 use super::system::{Motion, System};
-use crate::error::Result;
+use super::tie::{Tie, of_eigenvalues, pseudo_inverse};
+use crate::error::{Result, core, key};
 use crate::spec::Method;
-#[cfg(test)]
-pub(super) use bridging::kernel;
-use multistep::{Multistep, Scheme};
+use multistep::Multistep;
 
 /// System, pace and motion of a coupling.
 #[derive(Debug)]
@@ -89,18 +89,10 @@ pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Bo
         Method::Blend => Box::new(blend::blend(case)?),
         Method::Oniom => Box::new(blend::oniom(case)?),
         Method::BridgingScale => Box::new(bridging::Bridging::new(case)?),
-        Method::Gc => Box::new(Multistep::new(case, Scheme::GravouilCombescure)?),
-        Method::Ph => Box::new(Multistep::new(case, Scheme::PrakashHjelmstad)?),
+        Method::Gc => Box::new(Multistep::new(case, false)?),
+        Method::Ph => Box::new(Multistep::new(case, true)?),
         Method::Schwarz => Box::new(schwarz::Schwarz::new(case)?),
         Method::Quasicontinuum => Box::new(quasicontinuum::quasicontinuum(case, false)?),
         Method::QuasicontinuumClusters => Box::new(quasicontinuum::quasicontinuum(case, true)?),
     })
-}
-
-/// The fine model in the place of both, as reference.
-///
-/// # Errors
-/// Errors of the model.
-pub(super) fn fine_everywhere(case: &mut Case) -> Result<Box<dyn Coupling>> {
-    Ok(Box::new(quasicontinuum::fine(case)?))
 }

@@ -1,11 +1,8 @@
 //! The method of this program, with its weights at nodes, and with multipliers that miss the constraint.
 
-use crate::error::Result;
-use crate::explore::compare::case::Case;
-use crate::explore::compare::reflections::{MOST_OWN, Pace, Reflections};
-use crate::explore::compare::sparse::diagonal;
-use crate::explore::compare::system::System;
-use crate::explore::compare::tie::{Tie, of_eigenvalues, pseudo_inverse};
+use super::{
+    Case, MOST_OWN, Pace, Reflections, Result, System, Tie, diagonal, of_eigenvalues, pseudo_inverse,
+};
 use arlequin::core::Weights;
 use arlequin::core::nalgebra::DMatrix;
 
@@ -20,7 +17,7 @@ fn energy(case: &mut Case, function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>) -> R
     let system = case.system(&weights)?;
     let tie = Tie::by(case.coupling(&system)?, &system.inverse, function)?;
     let pace = Pace::split(&system, MOST_OWN)?;
-    Ok(Reflections::new(system, Some(tie), pace))
+    Ok(Reflections::new(system, tie, pace))
 }
 
 /// Multipliers that meet the constraint.
@@ -50,11 +47,11 @@ pub(super) fn nodal(case: &mut Case) -> Result<Reflections> {
     let beta = case.nodal_values([&*coarse.kinetic, &*fine.kinetic]);
     let mass = plain.mass.iter().zip(&beta).map(|(m, b)| m * b).collect();
     let stiffness = &diagonal(alpha.into_iter()) * &plain.stiffness;
-    let system = System::new(plain.places, mass, &plain.mass, stiffness);
+    let system = System::new((plain.places, plain.split), mass, &plain.mass, stiffness);
     let tie = Tie::exact(case.coupling(&system)?, &system.inverse)?;
     let pace = Pace::split(&system, MOST_OWN)?;
     Ok(Reflections {
         symmetric: false,
-        ..Reflections::new(system, Some(tie), pace)
+        ..Reflections::new(system, tie, pace)
     })
 }

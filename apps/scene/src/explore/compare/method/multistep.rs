@@ -1,34 +1,20 @@
 //! Multipliers at own steps in place of reflections: Gravouil and Combescure (2001), Prakash and Hjelmstad
-//! (2004), both with the central difference scheme for either model.
+//! (2004), both with the central difference scheme for either model. In the first, velocities are equal at
+//! every own step of the fine model, and between steps of the run the coarse velocity is linear in time: it
+//! loses energy. In the second, velocities are equal at steps of the run, and multipliers are linear in time.
 
-use super::{Coupling, State};
-use crate::error::Result;
-use crate::explore::compare::case::Case;
-use crate::explore::compare::reflections::Pace;
-use crate::explore::compare::sparse::product;
-use crate::explore::compare::system::Motion;
-use crate::explore::compare::tie::{Tie, pseudo_inverse};
+use super::{Case, Coupling, Motion, Pace, Result, State, Tie, add, product, pseudo_inverse};
 use arlequin::core::sprs::TriMat;
-use std::ops::Range;
 
 /// Most own steps within a step of the run, one more than the default has; the published figures are for
 /// five and ten.
 const OWN: usize = 5;
 
-/// The two schemes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Scheme {
-    /// Velocities are equal at every own step of the fine model; between steps of the run the coarse
-    /// velocity is linear in time. Loses energy.
-    GravouilCombescure,
-    /// Velocities are equal at steps of the run; multipliers are linear in time between them.
-    PrakashHjelmstad,
-}
-
 /// Two models with multipliers at own steps.
 #[derive(Debug)]
 pub(super) struct Multistep {
-    scheme: Scheme,
+    /// True for the second scheme.
+    ramped: bool,
     /// Accelerations include the constraint's part.
     state: State,
     /// Rows with the answer `λ = R b` to a jump of velocities.
@@ -42,8 +28,8 @@ pub(super) struct Multistep {
 }
 
 impl Multistep {
-    /// Couples by a scheme.
-    pub(super) fn new(case: &mut Case, scheme: Scheme) -> Result<Self> {
+    /// Couples by the first scheme, or by the second with multipliers that are `ramped`.
+    pub(super) fn new(case: &mut Case, ramped: bool) -> Result<Self> {
         let weights = case.weights.clone();
         let system = case.system(&weights)?;
         let pace = Pace::split(&system, OWN)?;
@@ -53,7 +39,7 @@ impl Multistep {
             free: Vec::new(),
             tie: start.clone(),
             state: State::new(system, pace),
-            scheme,
+            ramped,
             start,
         };
         out.tie = out.exact()?;
@@ -65,17 +51,18 @@ impl Multistep {
         let (rows, [coarse, fine]) = (&self.start.rows, self.state.whole.sides());
         let mut operator = TriMat::new((rows.rows(), rows.rows()));
         let mut unit = vec![0.0; rows.rows()];
-        let zeros = vec![0.0; self.state.whole.size()];
+        let (zeros, pace) = (vec![0.0; self.state.whole.size()], self.state.pace);
         for j in 0..rows.rows() {
             unit[j] = 1.0;
             let push = self.start.push(&unit, &self.state.whole.inverse);
             unit[j] = 0.0;
             let mut m = Motion::new(zeros.clone(), zeros.clone());
-            match self.scheme {
-                Scheme::GravouilCombescure => m.brake(fine.clone(), &push, 1.0, self.state.pace.own_step()),
-                Scheme::PrakashHjelmstad => self.ramp(&mut m, [&zeros, &push]),
+            if self.ramped {
+                self.ramp(&mut m, [&zeros, &push]);
+            } else {
+                m.brake(fine.clone(), &push, 1.0, pace.own_step());
             }
-            m.brake(coarse.clone(), &push, 1.0, self.state.pace.step);
+            m.brake(coarse.clone(), &push, 1.0, pace.step);
             let answer = product(rows, &m.v).into_iter().enumerate();
             let entries = answer.filter(|(_, x)| *x != 0.0);
             entries.for_each(|(i, x)| operator.add_triplet(i, j, -x));
@@ -95,8 +82,9 @@ impl Multistep {
         }
     }
 
-    fn advance_gc(&mut self, coarse: Range<usize>, fine: Range<usize>) {
-        let Pace { step, own, .. } = self.state.pace;
+    /// Makes a step of the first scheme.
+    fn advance_equal(&mut self) {
+        let ([coarse, fine], Pace { step, own, .. }) = (self.state.whole.sides(), self.state.pace);
         let (now, dt) = (&mut self.state.now, self.state.pace.own_step());
         let before = std::mem::take(&mut self.free);
         self.state.whole.step(now, coarse.clone(), step);
@@ -113,43 +101,42 @@ impl Multistep {
         now.brake(coarse, &self.push, 1.0, step);
     }
 
-    fn advance_ph(&mut self, coarse: Range<usize>) {
-        let mut now = self.state.now.clone();
-        self.state
-            .whole
-            .step(&mut now, coarse.clone(), self.state.pace.step);
+    /// Makes a step of the second scheme.
+    fn advance_ramped(&mut self) {
+        let ([coarse, _], step, mut now) = (
+            self.state.whole.sides(),
+            self.state.pace.step,
+            self.state.now.clone(),
+        );
+        self.state.whole.step(&mut now, coarse.clone(), step);
         let mut free = now.clone();
-        let zeros = vec![0.0; free.v.len()];
-        self.ramp(&mut free, [&self.push, &zeros]);
+        self.ramp(&mut free, [&self.push, &vec![0.0; now.v.len()]]);
         let end = self.tie.kick(&free.v, &self.state.whole.inverse);
         self.ramp(&mut now, [&self.push, &end]);
-        now.brake(coarse, &end, 1.0, self.state.pace.step);
+        now.brake(coarse, &end, 1.0, step);
         (self.state.now, self.push) = (now, end);
     }
 }
 
 impl Coupling for Multistep {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
-        let inverse = &self.state.whole.inverse;
-        let [q, v] = [q, v].map(|x| {
-            let mut x = x.to_vec();
-            self.start.project(&mut x, inverse);
-            x
-        });
-        let mut now = Motion::new(q, v);
-        self.state.whole.accelerate(&mut now, 0..inverse.len());
-        self.push = self.start.kick(&now.a, inverse);
-        now.a.iter_mut().zip(&self.push).for_each(|(a, p)| *a -= p);
-        let coarse = now.v.iter().zip(&self.push).take(self.state.whole.places.split);
-        self.free = coarse.map(|(v, p)| v + 0.5 * self.state.pace.step * p).collect();
+        let system = &self.state.whole;
+        let mut now = Motion::new(q.to_vec(), v.to_vec());
+        self.start.project(&mut now.q, &system.inverse);
+        self.start.project(&mut now.v, &system.inverse);
+        system.accelerate(&mut now, 0..system.size());
+        self.push = self.start.kick(&now.a, &system.inverse);
+        add(&mut now.a, -1.0, &self.push);
+        self.free = now.v[..system.split].to_vec();
+        add(&mut self.free, 0.5 * self.state.pace.step, &self.push);
         self.state.now = now;
     }
 
     fn advance(&mut self) {
-        let [coarse, fine] = self.state.whole.sides();
-        match self.scheme {
-            Scheme::GravouilCombescure => self.advance_gc(coarse, fine),
-            Scheme::PrakashHjelmstad => self.advance_ph(coarse),
+        if self.ramped {
+            self.advance_ramped();
+        } else {
+            self.advance_equal();
         }
     }
 
@@ -158,18 +145,17 @@ impl Coupling for Multistep {
     }
 
     fn work(&self) -> f64 {
-        let own = self.state.pace.own;
+        let (whole, own) = (&self.state.whole, self.state.pace.own);
         // One scheme answers at every own step, the other makes the own steps of the fine model twice.
-        match self.scheme {
-            Scheme::GravouilCombescure => self.state.whole.work(own) + own as f64 * self.tie.work(),
-            Scheme::PrakashHjelmstad => {
-                2.0 * self.state.whole.work(own) - self.state.whole.work(0) + self.tie.work()
-            }
+        if self.ramped {
+            2.0 * whole.work(own) - whole.work(0) + self.tie.work()
+        } else {
+            whole.work(own) + own as f64 * self.tie.work()
         }
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
-        let rows = Some(&self.tie.rows);
-        self.state.whole.equilibrium(q.to_vec(), held, rows).map(Some)
+        let q = self.state.whole.equilibrium(q.to_vec(), held, &self.tie.rows);
+        q.map(Some)
     }
 }

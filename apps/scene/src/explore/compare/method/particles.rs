@@ -1,12 +1,9 @@
 //! Particles tied one by one to the coarse field: by multipliers in one layer, or by springs.
 
-use crate::error::{Result, core};
-use crate::explore::compare::case::{COARSE, Case, FINE, with_complement};
-use crate::explore::compare::reflections::{Pace, Reflections};
-use crate::explore::compare::sparse::{congruence, transposed};
-use crate::explore::compare::system::System;
-use crate::explore::compare::tie::Tie;
-use crate::spec::Method;
+use super::{
+    COARSE, Case, FINE, Method, Pace, Reflections, Result, System, Tie, congruence, constraint, core,
+    follows, transposed, with_complement,
+};
 use arlequin::core::{Profile, Ramp, Slab, Weights};
 use std::sync::Arc;
 
@@ -29,18 +26,18 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
             "leaves nodes or particles without mass that hold others; take a coarse model of finite elements";
         return Err(case.refusal(method, rule));
     }
-    if layer.count() == 0 {
+    if layer.nnz() == 0 {
         let rule = "finds no particle in the middle layer of the overlap; take a finer model";
         return Err(case.refusal(method, rule));
     }
-    let mut rows = layer.constraint();
+    let mut rows = constraint(&layer);
     if !strong {
-        rows = &transposed(&layer.rows) * &rows;
+        rows = &transposed(&layer) * &rows;
     }
     let tie = Tie::exact(rows, &system.inverse)?;
     // Between own steps a single layer would leave the node that it is tied to.
     let pace = Pace::common(&system)?;
-    Ok(Reflections::new(system, Some(tie), pace))
+    Ok(Reflections::new(system, tie, pace))
 }
 
 /// Springs `½ κ_i |N(x_i) u − d_i|²` in the whole overlap, with `κ_i` a multiple of the particle's own
@@ -50,19 +47,18 @@ pub(super) fn penalty(case: &mut Case, factor: f64) -> Result<Reflections> {
     let system = case.system(&weights)?;
     let [alpha, beta] = [COARSE, FINE].map(|k| &*weights[k].internal);
     let (own, others) = (case.nodal_values([alpha, beta]), case.nodal_values([beta, alpha]));
-    let all = case.followers([COARSE, FINE], [0.0, case.width], &|_| true);
+    let shapes = case.followers([COARSE, FINE], [0.0, case.width], &|_| true);
     let spring = |i: usize| {
         // The weighted stiffness times the smaller weight over its own.
         let share = (others[i] / own[i].max(f64::MIN_POSITIVE)).min(1.0);
-        if all.has(i) {
+        if follows(&shapes, i) {
             factor * system.own_stiffness(i) * share
         } else {
             0.0
         }
     };
     let springs: Vec<f64> = (0..system.size()).map(spring).collect();
-    let stiffness = &system.stiffness + &congruence(&all.constraint(), &springs);
+    let stiffness = &system.stiffness + &congruence(&constraint(&shapes), &springs);
     let system = System { stiffness, ..system };
-    let pace = Pace::common(&system)?;
-    Ok(Reflections::new(system, None, pace))
+    Reflections::free(system)
 }

@@ -1,9 +1,6 @@
 //! Quasicontinuum: particles everywhere, of which those of the coarse region follow the coarse mesh.
 
-use crate::error::Result;
-use crate::explore::compare::case::{COARSE, Case, FINE, FINE_EVERYWHERE};
-use crate::explore::compare::reflections::{Pace, Reflections};
-use crate::spec::Method;
+use super::{COARSE, Case, FINE, FINE_EVERYWHERE, Method, Reflections, Result};
 use arlequin::core::{Uniform, Weight};
 use std::sync::Arc;
 
@@ -13,13 +10,6 @@ const CLUSTER: f64 = 2.0;
 
 /// Least number of bonds for which one of a cluster stands.
 const LEAST_FACTOR: f64 = 1.2;
-
-/// The fine model in the place of both.
-pub(super) fn fine(case: &mut Case) -> Result<Reflections> {
-    let system = case.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])?;
-    let pace = Pace::common(&system)?;
-    Ok(Reflections::new(system, None, pace))
-}
 
 /// Lets the particles up to the middle of the overlap follow the coarse mesh. All bonds are summed, or
 /// those of clusters around the layers of nodes.
@@ -42,7 +32,7 @@ pub(super) fn quasicontinuum(case: &mut Case, by_clusters: bool) -> Result<Refle
 /// packing, where a cluster stands for bonds unlike its own, they are not (Luskin and Ortner 2009).
 fn clusters(case: &Case) -> Result<Arc<dyn Weight<f64>>> {
     let half = CLUSTER * case.spacing[FINE];
-    let mut layers = case.parts[COARSE].places.x.clone();
+    let mut layers: Vec<f64> = case.parts[COARSE].places.iter().map(|p| p.x).collect();
     layers.sort_by(f64::total_cmp);
     layers.dedup_by(|next, last| *next - *last < half);
     let end = 0.5 * case.width;

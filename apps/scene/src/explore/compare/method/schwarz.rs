@@ -2,14 +2,12 @@
 //! motion of the other at its border, and both repeat a step of the run from its start until these motions
 //! agree.
 
-use super::{Coupling, State};
-use crate::error::{Result, key};
-use crate::explore::compare::case::{COARSE, Case, FINE};
-use crate::explore::compare::reflections::{MOST_OWN, Pace};
-use crate::explore::compare::sparse::{Followers, product};
-use crate::explore::compare::system::{Motion, System};
-use crate::spec::Method;
+use super::{
+    COARSE, Case, Coupling, FINE, MOST_OWN, Method, Motion, Pace, Result, State, System, follows, key,
+    product, row_product,
+};
 use arlequin::core::Weights;
+use arlequin::core::sprs::CsMat;
 use std::ops::Range;
 
 /// Change of the displacements, relative to the largest one, at which the alternation ends.
@@ -27,7 +25,7 @@ pub(super) struct Schwarz {
     /// Models with the weights of the scene, whose energies have a sum.
     state: State,
     /// Unknowns at the border of either model, which follow the other one.
-    border: Followers,
+    border: CsMat<f64>,
     /// Alternations in all, and steps.
     count: [usize; 2],
 }
@@ -50,16 +48,11 @@ impl Schwarz {
     /// Sets the unknowns at the border of one model by the motions of the other at the begin and the end of
     /// the step, after a share `s` of it.
     fn prescribe(&self, m: &mut Motion, range: Range<usize>, [begin, end]: [&Motion; 2], s: f64) {
-        for i in range.filter(|i| self.border.has(*i)) {
-            let row = self.border.rows.outer_view(i);
-            let mut sums = [0.0; 3];
-            for (j, w) in row.iter().flat_map(|r| r.iter()) {
-                let mean = |x: &[f64], y: &[f64]| w * ((1.0 - s) * x[j] + s * y[j]);
-                sums[0] += mean(&begin.q, &end.q);
-                sums[1] += mean(&begin.v, &end.v);
-                sums[2] += mean(&begin.a, &end.a);
-            }
-            [m.q[i], m.v[i], m.a[i]] = sums;
+        for i in range.filter(|i| follows(&self.border, *i)) {
+            let mean = |x: &[f64], y: &[f64]| row_product(&self.border, i, |j| (1.0 - s) * x[j] + s * y[j]);
+            m.q[i] = mean(&begin.q, &end.q);
+            m.v[i] = mean(&begin.v, &end.v);
+            m.a[i] = mean(&begin.a, &end.a);
         }
     }
 
@@ -77,32 +70,26 @@ impl Schwarz {
     }
 }
 
-/// The last layer of nodes of either model, which follows the other model.
-fn border(case: &Case, system: &System) -> Result<Followers> {
-    let (d, split) = (case.components(), system.places.split);
+/// Lets the last layer of nodes of either model follow the other one.
+fn border(case: &Case, system: &System) -> Result<CsMat<f64>> {
     let (half, [coarse, fine]) = (0.5 * case.spacing[FINE], system.sides());
-    let x = |range: Range<usize>| system.places.x[range].iter().copied();
-    let last = x(coarse).fold(f64::NEG_INFINITY, f64::max);
-    let first = x(fine).fold(f64::INFINITY, f64::min);
-    let mut nodes = Vec::new();
-    for (k, row) in case.shapes([FINE, COARSE], [last - half, f64::INFINITY]) {
-        let row = row.map_err(|e| {
-            let name = case.model_name(FINE);
-            let rule = format!(
-                "needs the displacement of model '{name}' at the border nodes of the coarse mesh ({e}); take a fine model of finite \
-                 elements"
-            );
-            case.refusal(Method::Schwarz, &rule)
-        });
-        nodes.push((k * d, split, row?));
+    let x = |range: &Range<usize>| system.places[range.clone()].iter().map(|p| p.x);
+    let last = x(&coarse).fold(f64::NEG_INFINITY, f64::max) - half;
+    let first = x(&fine).fold(f64::INFINITY, f64::min) + half;
+    let into_fine = case.followers([FINE, COARSE], [last, f64::INFINITY], &|_| true);
+    let into_coarse = case.followers([COARSE, FINE], [f64::NEG_INFINITY, first], &|_| true);
+    if coarse
+        .clone()
+        .any(|i| system.places[i].x >= last && !follows(&into_fine, i))
+    {
+        let rule = "needs the displacement of the fine model at the border nodes of the coarse mesh, some of which are outside of \
+                    it; take a fine model of finite elements";
+        return Err(case.refusal(Method::Schwarz, rule));
     }
-    let coarse = nodes.len();
-    let fine = case.shapes([COARSE, FINE], [f64::NEG_INFINITY, first + half]);
-    nodes.extend(fine.filter_map(|(k, row)| Some((split + k * d, 0, row.ok()?))));
-    if coarse == 0 || nodes.len() == coarse {
+    if into_coarse.nnz() == 0 {
         return Err(case.refusal(Method::Schwarz, "finds no nodes at a border; widen the overlap"));
     }
-    Ok(Followers::new(system.size(), d, &nodes))
+    Ok(&into_fine + &into_coarse)
 }
 
 impl Coupling for Schwarz {
@@ -137,22 +124,22 @@ impl Coupling for Schwarz {
     }
 
     fn work(&self) -> f64 {
-        let alternation = self.system.work(self.state.pace.own) + self.border.rows.nnz() as f64;
+        let alternation = self.system.work(self.state.pace.own) + self.border.nnz() as f64;
         alternation * self.count[0].max(1) as f64 / self.count[1].max(1) as f64
     }
 
     fn equilibrium(&self, q: &[f64], held: &[bool]) -> Result<Option<Vec<f64>>> {
-        let mut out = q.to_vec();
+        let (mut out, none) = (q.to_vec(), CsMat::zero((0, q.len())));
         for _ in 0..MOST_AT_REST {
             let before = out.clone();
             for range in self.system.sides() {
-                let border = product(&self.border.rows, &out);
-                let prescribed = range.clone().filter(|i| self.border.has(*i));
+                let border = product(&self.border, &out);
+                let prescribed = range.clone().filter(|i| follows(&self.border, *i));
                 prescribed.for_each(|i| out[i] = border[i]);
                 // The other model stands still.
-                let fixed = |i: usize| held[i] || self.border.has(i) || !range.contains(&i);
+                let fixed = |i: usize| held[i] || follows(&self.border, i) || !range.contains(&i);
                 let fixed: Vec<bool> = (0..out.len()).map(fixed).collect();
-                out = self.system.equilibrium(out, &fixed, None)?;
+                out = self.system.equilibrium(out, &fixed, &none)?;
             }
             if agree(&out, &before) {
                 return Ok(Some(out));
