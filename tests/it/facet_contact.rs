@@ -194,7 +194,7 @@ fn assert_threshold(pairs: &[(&str, &str)]) {
                 ..ContactLaw::elastic(E)
             };
             let g = Vector3::new(slope, 0.0, -1.0) * 9.81e3;
-            let mut run = resting(below, above, g, law, 6e-4);
+            let mut run = resting(below, above, g, law, 4e-4);
             let force = run
                 .effect_resultant(1, "contact below-above", &Point3::origin())
                 .unwrap()
