@@ -336,8 +336,8 @@ fn alternation_conserves_nothing_and_own_steps_need_half_the_coarse_step() {
         "{schwarz:?}"
     );
     within("alternations cost", schwarz.cost, 1.5, 50.0);
-    // Half of the coarse critical step has no room for two own steps of a mesh half as fine: one step each, and
-    // with it the multipliers cost what the reflections do.
+    // Half of the coarse critical step has no room for two own steps of a mesh half as fine: one step each,
+    // and with it the multipliers cost what the reflections do.
     within("one own step", gc.cost, 0.999, 1.001);
 }
 

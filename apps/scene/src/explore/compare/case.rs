@@ -168,8 +168,8 @@ impl Case {
         self.assemble(&[(mesh, None), (FINE_EVERYWHERE, Some([weight, &Uniform(1.0)]))])
     }
 
-    /// Values of a pair of weights at the node of every unknown of both models. A node on a border counts as in
-    /// the overlap, so that round-off does not decide whether it has a weight.
+    /// Values of a pair of weights at the node of every unknown of both models. A node on a border counts
+    /// as in the overlap, so that round-off does not decide whether it has a weight.
     pub(super) fn nodal_values(&self, weights: [&dyn Weight<f64>; 2]) -> Vec<f64> {
         let (mut out, rounded) = (Vec::new(), 1e-9 * self.width);
         for (part, w) in self.parts.iter().zip(weights) {
@@ -219,9 +219,10 @@ impl Case {
         self.parts[COARSE].body.model.layout().components
     }
 
-    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of nodes in
-    /// a range of distances that `choose` takes, by their first unknown. Nodes outside of the field are left
-    /// out. Unknowns of the coarse model come first, and those of a mesh that the fine model everywhere follows.
+    /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of
+    /// nodes in a range of distances that `choose` takes, by their first unknown. Nodes outside of the
+    /// field are left out. Unknowns of the coarse model come first, and those of a mesh that the fine model
+    /// everywhere follows.
     pub(super) fn followers(
         &self,
         [field, points]: [usize; 2],

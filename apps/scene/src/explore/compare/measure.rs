@@ -26,8 +26,8 @@ pub(super) struct Waves {
     pub(super) down: Wave,
     /// Pulse from the coarse model.
     up: Wave,
-    /// Packet above the coarse cutoff from the fine model, which meets the overlap and leaves it; `None` if the
-    /// fine model cannot carry one.
+    /// Packet above the coarse cutoff from the fine model, which meets the overlap and leaves it; `None` if
+    /// the fine model cannot carry one.
     pub(super) packet: Option<Wave>,
     width: f64,
     spacing: [f64; 2],
@@ -119,8 +119,8 @@ impl Wave {
     }
 }
 
-/// Starts a wave and lets it run; returns the energy \[J\] at the begin, and at the end beyond the overlap and
-/// in all.
+/// Starts a wave and lets it run; returns the energy \[J\] at the begin, and at the end beyond the overlap
+/// and in all.
 pub(super) fn run(method: &mut dyn Coupling, wave: &Wave) -> [f64; 3] {
     start(method, wave);
     let before = method.whole_energy();
@@ -176,8 +176,8 @@ fn interpolated(layers: &[[f64; 2]], x: f64) -> f64 {
     u0 + (x.clamp(layers[0][0], layers[layers.len() - 1][0]) - x0) / (x1 - x0) * (u1 - u0)
 }
 
-/// Measures one method; critical step and cost are no ratios yet. `reference` are the displacements of the fine
-/// model everywhere behind the pulse, by layers; returns also those of the method.
+/// Measures one method; critical step and cost are no ratios yet. `reference` are the displacements of the
+/// fine model everywhere behind the pulse, by layers; returns also those of the method.
 pub(super) fn row(
     name: &str,
     (setup, m): (f64, &mut dyn Coupling),
@@ -241,8 +241,8 @@ fn above(method: &mut dyn Coupling, wave: &Wave) -> f64 {
     (1.0 - share) * method.energy() / before
 }
 
-/// Runs from random velocities of all displacements. Returns the relative change of the energy, and the change
-/// of the momentum over the sum of its moduli.
+/// Runs from random velocities of all displacements. Returns the relative change of the energy, and the
+/// change of the momentum over the sum of its moduli.
 fn noise(method: &mut dyn Coupling, waves: &Waves) -> [f64; 2] {
     let mut next = random();
     let places = method.state().whole.places.iter();
