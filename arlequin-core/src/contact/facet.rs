@@ -2,9 +2,10 @@
 //!
 //! A sphere touches the nearest facet: within it, on its edge or at its corner. A point of another surface
 //! touches the nearest facet that it lies behind and that faces its own surface. The facet then need not be
-//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. Each point has
-//! one foot, so edges and corners are not counted twice, and the spring of the point goes with it from facet
-//! to facet.
+//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. A point beyond the
+//! rim of a facet does not touch it if it lies nearer in front of another one: it is outside. Each point has one
+//! foot, so edges and corners are not counted twice, and the spring of the point goes with it from facet to
+//! facet.
 
 use super::place::{Place, Triangle};
 use crate::geometry::{Faces, closest_on_triangle};
@@ -14,7 +15,7 @@ use nalgebra::{Point3, Vector3};
 const FACING: f64 = -0.1;
 /// Part of its size by which a facet reaches beyond its edges for points of another surface: the rims of two
 /// blocks of one width shift against each other when they are pressed.
-const RIM: f64 = 0.05;
+const RIM: f64 = 0.03;
 /// Difference of two distances, over the size of the facet, below which they are equal.
 const EQUAL: f64 = 1e-9;
 
@@ -117,7 +118,9 @@ pub(super) fn foot<'a>(
     facets: impl Iterator<Item = &'a Facet>,
     place: impl Fn(u32) -> Vector3<f64>,
 ) -> Foot {
-    let (mut best, mut best_rank) = (Foot::none(), 0.0);
+    // Feet within facets and beyond their rims, with their ranks; height above the nearest facet below.
+    let mut best = [(Foot::none(), 0.0); 2];
+    let mut front = f64::INFINITY;
     for facet in facets {
         let corners = facet.triangle.places(&place);
         let doubled = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
@@ -131,6 +134,10 @@ pub(super) fn foot<'a>(
         let d = seeker.at - x;
         let height = n.dot(&d);
         let aside = (d - n * height).norm();
+        let beyond = seeker.normal.is_some() && aside > EQUAL * facet.size;
+        if height >= 0.0 && !beyond {
+            front = front.min(height);
+        }
         let nearest = if seeker.normal.is_some() {
             (height < 0.0 && height >= -facet.depth && aside <= RIM * facet.size).then_some((height, n))
         } else {
@@ -151,11 +158,12 @@ pub(super) fn foot<'a>(
         } else {
             height.abs()
         };
+        let (best, best_rank) = &mut best[usize::from(beyond)];
         let closer = best.distance.abs() - distance.abs();
         let equal = closer.abs() <= EQUAL * facet.size;
-        if (equal && rank > best_rank) || (!equal && closer > 0.0) {
-            best_rank = rank;
-            best = Foot {
+        if (equal && rank > *best_rank) || (!equal && closer > 0.0) {
+            *best_rank = rank;
+            *best = Foot {
                 place: facet.triangle.place(weights(&x, &corners)),
                 distance,
                 normal,
@@ -163,7 +171,13 @@ pub(super) fn foot<'a>(
             };
         }
     }
-    best
+    let [(within, _), (beyond, _)] = best;
+    let depth = beyond.distance.abs();
+    if depth < within.distance.abs() && depth < front {
+        beyond
+    } else {
+        within
+    }
 }
 
 /// Weights of the corners at a point of a triangle with an area.
@@ -241,5 +255,9 @@ mod tests {
         for x in [[1.2, 0.5, 0.95], [0.5, 0.5, 1.05], [0.5, 0.5, 0.1]] {
             assert!(see(x[0], x[1], x[2], down).distance.is_infinite(), "{x:?}");
         }
+        // A point at a rim, whose normal is slanted, lies behind the plane of a side but in front of the bottom.
+        let slanted = Some(Vector3::new(1.0, 0.0, 1.0));
+        assert!(see(0.2, 0.5, -0.01, slanted).distance.is_infinite());
+        assert!((see(0.2, 0.5, 0.01, slanted).distance + 0.01).abs() < 1e-14);
     }
 }

@@ -186,7 +186,15 @@ fn rigid_body(k: usize, o: &spec::Obstacle, models: &[usize], scene: &LoweredSce
     for (n, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         if let EffectKind::BodyForce(b) = &e.kind {
             let pulled = effect_models(n, e, scene)?;
-            if models.iter().any(|m| pulled.contains(m)) {
+            let shares = models.iter().filter(|m| pulled.contains(m)).count();
+            if o.mass.is_some() && shares > 0 && shares < models.len() {
+                let rule = format!(
+                    "must name all models that the free obstacle '{}' touches, or none: it falls once, with all of them",
+                    o.ledger_name(k)
+                );
+                return Err(key(format!("effect[{n}].models"), rule));
+            }
+            if shares > 0 {
                 let time = time_function(&format!("effect[{n}].body_force.time"), &b.time)?;
                 body.add_acceleration(Vector3::from(b.acceleration), time);
             }
