@@ -147,12 +147,12 @@ const PAIRS: [(&str, &str); 10] = [
 
 #[test]
 fn the_force_on_a_block_at_rest_is_its_weight() {
-    for (below, above) in &PAIRS[..5] {
+    for (below, above) in &PAIRS[..4] {
         let law = ContactLaw {
             restitution: 0.3,
             ..ContactLaw::elastic(E)
         };
-        let mut run = resting(below, above, Vector3::new(0.0, 0.0, -9.81e3), law, 4e-4);
+        let mut run = resting(below, above, Vector3::new(0.0, 0.0, -9.81e3), law, 2.5e-4);
         let s = &run.subdomains()[1];
         let mass: f64 = (0..s.model().nodes().len()).map(|n| s.inertia()[3 * n]).sum();
         let weight = mass * 9.81e3;
@@ -175,13 +175,13 @@ fn the_force_on_a_block_at_rest_is_its_weight() {
 
 #[test]
 fn a_block_sticks_on_a_block_up_to_the_angle_of_friction() {
-    assert_threshold(&PAIRS[..3]);
+    assert_threshold(&PAIRS[..1]);
 }
 
 #[test]
 #[ignore = "minutes: the other pairs of kinds"]
 fn a_block_of_any_kind_sticks_on_any_other_up_to_the_angle_of_friction() {
-    assert_threshold(&PAIRS[3..]);
+    assert_threshold(&PAIRS[1..]);
 }
 
 fn assert_threshold(pairs: &[(&str, &str)]) {
@@ -273,14 +273,23 @@ fn the_patch_test_of_contact_holds_within_a_per_cent() {
     for (kind, counts, limit) in [
         ("tet", [2, 2], 1e-10),
         ("hex", [2, 2], 1e-10),
-        ("tet", [3, 4], 0.01),
         ("hex", [3, 4], 0.01),
-        ("tet", [4, 7], 0.01),
-        ("hex", [4, 7], 0.01),
-        ("cnem", [3, 4], 0.03),
+        ("cnem", [3, 4], 0.01),
     ] {
         let error = patch(kind, counts);
-        eprintln!("patch {kind} {counts:?}: {error:e}");
+        assert!(error < limit, "{kind} {counts:?}: {error:e}");
+    }
+}
+
+#[test]
+#[ignore = "two minutes: finer meshes"]
+fn the_patch_test_of_contact_holds_on_finer_meshes() {
+    for (kind, counts, limit) in [
+        ("tet", [3, 4], 0.01),
+        ("tet", [4, 7], 0.01),
+        ("hex", [4, 7], 0.01),
+    ] {
+        let error = patch(kind, counts);
         assert!(error < limit, "{kind} {counts:?}: {error:e}");
     }
 }
