@@ -2,10 +2,10 @@
 //!
 //! A sphere touches the nearest facet: within it, on its edge or at its corner. A point of another surface
 //! touches the nearest facet that it lies behind and that faces its own surface. The facet then need not be
-//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. A point beyond the
-//! rim of a facet does not touch it if it lies nearer in front of another one: it is outside. Each point has one
-//! foot, so edges and corners are not counted twice, and the spring of the point goes with it from facet to
-//! facet.
+//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. A point
+//! beyond the rim of a facet does not touch it if it lies nearer in front of another one: it is outside.
+//! Each point has one foot, so edges and corners are not counted twice, and the spring of the point goes
+//! with it from facet to facet.
 
 use super::place::{Place, Triangle};
 use crate::geometry::{Faces, closest_on_triangle};
@@ -255,7 +255,8 @@ mod tests {
         for x in [[1.2, 0.5, 0.95], [0.5, 0.5, 1.05], [0.5, 0.5, 0.1]] {
             assert!(see(x[0], x[1], x[2], down).distance.is_infinite(), "{x:?}");
         }
-        // A point at a rim, whose normal is slanted, lies behind the plane of a side but in front of the bottom.
+        // A point at a rim, whose normal is slanted, lies behind the plane of a side but in front of the
+        // bottom.
         let slanted = Some(Vector3::new(1.0, 0.0, 1.0));
         assert!(see(0.2, 0.5, -0.01, slanted).distance.is_infinite());
         assert!((see(0.2, 0.5, 0.01, slanted).distance + 0.01).abs() < 1e-14);
