@@ -465,7 +465,7 @@ reference = { curves = { far = { bar-step = { at = 4.0, length = 1, speed = 0, p
 
 /// Keys with numbers of any value, such as coordinates and forces.
 const FREE: &str = "about acceleration amplitude at axis centre coarse coefficients direction expected fine force from \
-                    front high low normal particle_speed pin point pressure ramp rate seed size speed spin table times \
+                    front high low normal particle_speed pin point pressure ramp rate seed shift size speed spin table times \
                     tip to torque traction turn uniform velocity x_factor y_factor";
 
 /// Collects the keys with numbers that have no range.
