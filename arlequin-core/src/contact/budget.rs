@@ -21,7 +21,7 @@
 //!
 //! Multipliers, and effects that are computed later, act on the ends in a way that the contact learns in the
 //! next step ([`Spring::settle`]). If it has opened by then, it cannot give energy back. It therefore holds
-//! back the work that twice the largest such change since touch would do.
+//! back the work that twice the largest such change of the last steps would do.
 //!
 //! An elastic contact that is about to open in this step gives back the rest of its budget. The rebound is
 //! then elastic to round-off with any step; otherwise every other collision would lose a few per cent.
@@ -29,7 +29,7 @@
 use super::law::{ContactLaw, Pair, Response, Spring};
 use nalgebra::Vector3;
 
-/// Largest change by unknown forces for which a contact holds energy back, over the largest since touch.
+/// Largest change by unknown forces for which a contact holds energy back, over the largest of the last steps.
 const SAFETY: f64 = 2.0;
 
 /// One end of a contact during the step: three displacements and three rotations.

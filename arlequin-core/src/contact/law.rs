@@ -14,6 +14,9 @@ use crate::Result;
 use crate::error::invalid;
 use nalgebra::Vector3;
 
+/// Part of the largest unknown change of speed that is left after a step.
+const FADE: f64 = 0.95;
+
 /// Slightly above the restitution of a critically damped contact, exp(-2) = 0.135.
 const LEAST_RESTITUTION: f64 = 0.15;
 
@@ -219,8 +222,8 @@ pub struct Spring {
     pub roll: Vector3<f64>,
     /// Energy \[J\] that the contact took in since touch and has not given back.
     pub budget: f64,
-    /// Largest change of the contact's speed in a step since touch by forces that were unknown when the
-    /// contact was computed \[m/s\].
+    /// Largest change of the contact's speed in a step by forces that were unknown when the contact was
+    /// computed \[m/s\]; earlier ones fade.
     pub unknown: f64,
 }
 
@@ -249,12 +252,13 @@ impl Spring {
     }
 
     /// Corrects the budget for a change of the power `excess` \[W\] of the contact's force \[N\] in a step of
-    /// length `dt` \[s\], which forces caused that were unknown when the contact was computed. From now on
-    /// the contact holds back what as large a change could cost.
+    /// length `dt` \[s\], which forces caused that were unknown when the contact was computed. For the next
+    /// steps the contact holds back what as large a change could cost; a body that comes to rest is then held
+    /// by the full force.
     pub fn settle(&mut self, dt: f64, excess: f64, force: f64) {
         self.budget -= 0.5 * dt * excess;
         if force > 0.0 {
-            self.unknown = self.unknown.max(excess.abs() / force);
+            self.unknown = (FADE * self.unknown).max(excess.abs() / force);
         }
     }
 }
