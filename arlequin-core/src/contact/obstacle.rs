@@ -211,9 +211,11 @@ impl Contacts {
         }
         self.closed.end(instant.dt);
         let (points, forces) = (&self.points, &self.forces);
+        let obstacle = (instant.dt > 0.0).then(|| rigid.end(instant));
         self.closed.expect(|a| {
             let push = push(&points[a.point as usize], a.force);
-            forces.end(&push, instant, f).power(&a.force, &a.torque)
+            let driven = rigid.driven_power(&a.force, obstacle.as_ref());
+            forces.end(&push, instant, f).power(&a.force, &a.torque) + driven
         });
         for a in &self.closed.active {
             let push = push(&self.points[a.point as usize], a.force);
@@ -427,9 +429,12 @@ impl Effect<f64> for Contacts {
         if !std::mem::replace(&mut self.checked, true) {
             self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.place.value(instant.q))?;
         }
-        // The motion of the body was known when contacts were computed.
+        // The motion of the body was known when contacts were computed, unless a relaxation holds it still.
         let points = &self.points;
-        let power = |a: &Active| a.force.dot(&points[a.point as usize].place.value(instant.v_half));
+        let power = |a: &Active| {
+            let speed = points[a.point as usize].place.value(instant.v_half);
+            a.force.dot(&speed) + rigid.driven_power(&a.force, None)
+        };
         self.closed.settle(instant.dt, power);
         self.refresh(&rigid, instant.q);
         self.respond(&mut rigid, instant, f);

@@ -169,11 +169,12 @@ impl Body {
     }
 
     /// Corrects the budgets for the work of forces in the last step that were unknown when contacts were
-    /// computed. The motion of the obstacle was known.
+    /// computed, and of a driven obstacle that a relaxation holds still.
     fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
         for a in &self.active {
             let i = a.particle as usize;
-            let excess = contact::power(instant.v_half, i, &a.force, &a.torque) - a.expected;
+            let power = contact::power(instant.v_half, i, &a.force, &a.torque);
+            let excess = power + rigid.driven_power(&a.force, None) - a.expected;
             if rigid.is_shared() && self.law.begun {
                 self.springs[i].settle(instant.dt, excess, a.force.norm());
             } else {
@@ -258,11 +259,11 @@ impl Body {
         self.law.end(instant.dt);
         self.backwards = !self.backwards;
         if instant.dt > 0.0 {
+            let obstacle = rigid.end(instant);
             for a in &mut self.active {
-                a.expected = self
-                    .grains
-                    .end(instant, f, a.particle as usize)
-                    .power(&a.force, &a.torque);
+                let particle = self.grains.end(instant, f, a.particle as usize);
+                let driven = rigid.driven_power(&a.force, Some(&obstacle));
+                a.expected = particle.power(&a.force, &a.torque) + driven;
             }
         }
         for a in &self.active {
