@@ -29,7 +29,8 @@
 use super::law::{ContactLaw, Pair, Response, Spring};
 use nalgebra::Vector3;
 
-/// Largest change by unknown forces for which a contact holds energy back, over the largest of the last steps.
+/// Largest change by unknown forces for which a contact holds energy back, over the largest of the last
+/// steps.
 const SAFETY: f64 = 2.0;
 
 /// One end of a contact during the step: three displacements and three rotations.

@@ -161,9 +161,9 @@ impl RigidBody {
         self.mass().map_or(0.0, |mass| self.spring / mass)
     }
 
-    /// Power \[W\] of a force on a model that a driven body touches, on the velocity of that body: at present,
-    /// or after the step with `end`. A relaxation holds the body still, which its motion in time does not say.
-    /// Zero for a free body, whose kinetic energy has it.
+    /// Power \[W\] of a force on a model that a driven body touches, on the velocity of that body: at
+    /// present, or after the step with `end`. A relaxation holds the body still, which its motion in time
+    /// does not say. Zero for a free body, whose kinetic energy has it.
     #[must_use]
     pub fn driven_power(&self, force: &Vector3<f64>, end: Option<&End>) -> f64 {
         if self.mass().is_some() {
