@@ -34,7 +34,7 @@ pub(super) struct Active {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Proposed {
     pub(super) point: u32,
-    /// As in [`Active`].
+    /// Place on the facet that the point touches; none for a rigid body.
     pub(super) foot: Place,
     pub(super) proposal: Proposal,
 }
@@ -103,7 +103,7 @@ impl Closed {
         }
     }
 
-    /// Takes note of a facet in contact, by the cosine of the angle by which it has turned since rest.
+    /// Records the cosine of the angle by which a facet in contact has turned since rest, if it is the smallest.
     pub(super) fn turned(&mut self, cosine: f64) {
         self.turn = self.turn.min(cosine);
     }

@@ -238,7 +238,7 @@ fn a_ball_feels_the_same_force_on_elements_particles_and_the_border_between_them
 }
 
 /// A cube of 4 mm falls on a floor, corner first, at 20 m/s: a body with a zone at that corner, or particles
-/// alone. The floor gives it between one and two times its momentum, and no energy is created.
+/// alone. The floor gives it nearly twice its momentum, and no energy is created.
 #[test]
 fn a_body_with_a_zone_and_a_packing_fall_on_a_floor_corner_first() {
     let shape = "shape.box = { low = [0.0, 0.0, 0.0], high = [4e-3, 4e-3, 4e-3] }
