@@ -103,7 +103,8 @@ impl Closed {
         }
     }
 
-    /// Records the cosine of the angle by which a facet in contact has turned since rest, if it is the smallest.
+    /// Records the cosine of the angle by which a facet in contact has turned since rest, if it is the
+    /// smallest.
     pub(super) fn turned(&mut self, cosine: f64) {
         self.turn = self.turn.min(cosine);
     }

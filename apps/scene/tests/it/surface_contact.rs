@@ -3,6 +3,13 @@
 use arlequin_scene::{Results, Scene, Silent};
 use std::path::Path;
 
+/// Runs a scene.
+fn run(text: &str) -> Results {
+    let scene = Scene::from_text(text).unwrap_or_else(|e| panic!("{e}"));
+    let prepared = scene.prepare().unwrap_or_else(|e| panic!("{e}"));
+    prepared.run(&mut Silent).unwrap_or_else(|e| panic!("{e}"))
+}
+
 /// Runs the shipped scene with the ball above `x` \[m\] and with other replacements.
 fn struck(x: f64, changes: &[(&str, &str)]) -> Results {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/ball-beside-zone.toml");
@@ -12,9 +19,7 @@ fn struck(x: f64, changes: &[(&str, &str)]) -> Results {
         assert!(text.contains(from), "{from}");
         text = text.replace(from, to);
     }
-    let scene = Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}"));
-    let prepared = scene.prepare().unwrap_or_else(|e| panic!("{e}"));
-    prepared.run(&mut Silent).unwrap_or_else(|e| panic!("{e}"))
+    run(&text)
 }
 
 /// Largest force \[N\] and impulse \[N s\] on the body.
@@ -216,9 +221,7 @@ component = \"z\"
 ",
         if with_zone { zone } else { "" }
     );
-    let scene = Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}"));
-    let prepared = scene.prepare().unwrap_or_else(|e| panic!("{e}"));
-    let results = prepared.run(&mut Silent).unwrap_or_else(|e| panic!("{e}"));
+    let results = run(&text);
     let (_, forces) = results.probe("ball").expect("probe");
     *forces.last().expect("force")
 }
@@ -274,11 +277,7 @@ component = \"x\"
 ";
     let momentum = 11.5 * 2200.0 * 4e-3_f64.powi(3);
     for (name, models) in [("zone", with_zone), ("particles", particles)] {
-        let scene = Scene::from_text(format!("{models}{effects}")).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let prepared = scene.prepare().unwrap_or_else(|e| panic!("{name}: {e}"));
-        let results = prepared
-            .run(&mut Silent)
-            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        let results = run(&format!("{models}{effects}"));
         let (times, forces) = results.probe("floor").expect("floor");
         let steps = times.windows(2).zip(forces.windows(2));
         let impulse: f64 = steps.map(|(t, f)| 0.5 * (t[1] - t[0]) * (f[0] + f[1])).sum();
