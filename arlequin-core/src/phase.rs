@@ -34,6 +34,8 @@ pub enum SetupPhase {
     Junction(usize),
     /// Operator of an interface, and its factor.
     Operator(usize),
+    /// Effects between two subdomains: the number of the pair.
+    Pair(usize),
     /// Critical steps, and the time step chosen from them.
     Step,
     /// Initial state: consistent displacements, velocities and accelerations.

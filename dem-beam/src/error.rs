@@ -238,12 +238,14 @@ pub enum Error {
     #[error("bulk elasticity needs a periodic packing: make it in `Container::periodic`")]
     NotPeriodic,
     /// A triangle surface that is not closed, or whose triangles are not oriented alike.
-    #[error("the surface is not closed: edge {first}-{second} belongs to {count} triangles")]
+    #[error(
+        "the surface is not closed: the edge from ({:.3e}, {:.3e}, {:.3e}) to ({:.3e}, {:.3e}, {:.3e}) belongs to {count} triangles, not \
+         to two; repair the surface there",
+        ends[0][0], ends[0][1], ends[0][2], ends[1][0], ends[1][1], ends[1][2]
+    )]
     OpenSurface {
-        /// First vertex of the edge.
-        first: usize,
-        /// Second vertex of the edge.
-        second: usize,
+        /// Vertices of the edge \[m\].
+        ends: [[f64; 3]; 2],
         /// Number of triangles at the edge; two are expected, one in each direction.
         count: usize,
     },

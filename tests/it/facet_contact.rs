@@ -428,25 +428,50 @@ fn pairs_are_refused_by_name() {
         error.contains("'contact below-above'") && error.contains("rolling"),
         "{error}"
     );
-    // One block begins within the other.
-    let low = Vector3::new(0.5, 0.5, 1.2) * H;
-    let inside = block("hex", "above", low, [1; 3], H, z);
-    let contact = SurfaceContact::new(&a.exterior, &inside.exterior, law).unwrap();
-    let parts = Parts {
-        start: 0.0,
-        end: None,
-        subdomains: vec![a.side, inside.side],
-        interfaces: Vec::new(),
-        pairs: vec![PairSpec {
-            sides: [0, 1],
-            effect: Box::new(contact),
-        }],
-    };
-    let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("points start inside") && error.contains("'contact below-above'"),
-        "{error}"
-    );
+    // One block begins within the other, so deep that no facet sees it, or partly.
+    let (within, partly) = (Vector3::repeat(2.6) * H, Vector3::new(0.5, 0.5, 1.2) * H);
+    for (kind, big, low, rule) in [
+        ("hex", 6, within, "must not lie in each other"),
+        ("dem", 6, within, "must not lie in each other"),
+        ("hex", 2, partly, "must overlap by"),
+        ("dem", 2, partly, "must not lie in each other"),
+    ] {
+        let a = block("hex", "below", z, [big; 3], H, z);
+        let inside = block(kind, "above", low, [2; 3], 0.4 * H, z);
+        let contact = SurfaceContact::new(&a.exterior, &inside.exterior, law).unwrap();
+        let parts = Parts {
+            start: 0.0,
+            end: None,
+            subdomains: vec![a.side, inside.side],
+            interfaces: Vec::new(),
+            pairs: vec![PairSpec {
+                sides: [0, 1],
+                effect: Box::new(contact),
+            }],
+        };
+        let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("points start inside") && error.contains("'contact below-above'"),
+            "{error}"
+        );
+        assert!(error.contains(rule), "{kind}: {error}");
+    }
+}
+
+/// A contact that is too soft for a blow ends the run before the bodies pass through each other.
+#[test]
+fn bodies_that_would_pass_through_end_the_run() {
+    let soft = ContactLaw::elastic(1e-4 * E);
+    for (below, above) in [("hex", "tet"), ("tet", "dem"), ("dem", "hex")] {
+        let mut run = thrown(below, above, soft, 0.5);
+        let error = run.run(100_000, &mut Silent).unwrap_err().to_string();
+        assert!(error.contains("'contact below-above'"), "{error}");
+        assert!(
+            error.contains("points sink inside") && error.contains("modulus"),
+            "{error}"
+        );
+        assert!(depth(&run) < H, "{below}, {above}");
+    }
 }

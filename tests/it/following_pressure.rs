@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed set-up is a failed test")]
 
 use crate::support::blocks::{H, block};
+use arlequin::core::contact::LARGEST_TURN;
 use arlequin::core::effect::{FollowingPressure, MassDamping};
 use arlequin::core::nalgebra::{Point3, Rotation3, Vector3};
 use arlequin::core::{Coupled, Silent, Subdomain, TimeFunction, TimeStep};
@@ -41,6 +42,13 @@ fn the_force_turns_with_the_surface_and_sums_to_zero_around_a_body() {
         let mut run = pressed(kind, turn, |x| x.z > 2.99 * H);
         let force = run.effect_resultant(0, "gas", &Point3::origin()).unwrap().force;
         assert!((force + normal * whole).norm() < 1e-12 * whole, "{kind}: {force}");
+        let angle = run.effects()[0]
+            .facts
+            .iter()
+            .find(|f| f.0 == LARGEST_TURN)
+            .unwrap()
+            .1;
+        assert!((angle - normal.z.acos()).abs() < 1e-7, "{kind}: {angle}");
         let mut run = pressed(kind, turn, |_| true);
         let force = run.effect_resultant(0, "gas", &Point3::origin()).unwrap().force;
         assert!(force.norm() < 1e-12 * whole, "{kind}: {force}");

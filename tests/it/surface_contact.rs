@@ -31,6 +31,16 @@ fn run_of(bodies: Vec<Subdomain<f64>>, fraction: f64) -> Coupled<f64> {
     Coupled::new(bodies, Vec::new(), TimeStep::Fraction(fraction), None).unwrap()
 }
 
+/// A cube of `n³` elements, or of spheres half as large, that touches a rigid body.
+fn cube_against(kind: &str, n: usize, body: &SharedBody, law: ContactLaw) -> Subdomain<f64> {
+    if kind != "dem" {
+        return against(cube(kind, n), body, law);
+    }
+    let model = spheres("block", Vector3::zeros(), [n; 3], H, Vector3::zeros());
+    let contact = Obstacle::of_body(&model, body, law).unwrap();
+    Subdomain::fine(model, Weights::uncoupled()).with_effect(Box::new(contact))
+}
+
 /// Deepest place of a node inside the rigid body \[m\].
 fn depth(run: &Coupled<f64>, body: &SharedBody) -> f64 {
     let rigid = body.lock();
@@ -140,13 +150,7 @@ fn a_block_sticks_on_a_slope_up_to_the_angle_of_friction() {
                 restitution: 0.3,
                 ..ContactLaw::elastic(E)
             };
-            let s = if kind == "dem" {
-                let model = spheres("block", Vector3::zeros(), [3; 3], H, Vector3::zeros());
-                let contact = Obstacle::of_body(&model, &body, law).unwrap();
-                Subdomain::fine(model, Weights::uncoupled()).with_effect(Box::new(contact))
-            } else {
-                against(cube(kind, 3), &body, law)
-            };
+            let s = cube_against(kind, 3, &body, law);
             let mass: f64 = {
                 let mut inertia = vec![0.0; s.model().layout().dofs()];
                 s.model().lumped_inertia(&Uniform(1.0), &mut inertia).unwrap();
@@ -549,6 +553,26 @@ fn over_hertz(natural: bool, modulus: f64) -> f64 {
     whole / hertz
 }
 
+/// A block and a packing that a soft plate would let through end the run.
+#[test]
+fn a_plate_that_is_too_soft_ends_the_run() {
+    for kind in ["hex", "dem"] {
+        let plate = RigidShape::cuboid(
+            Point3::new(2.0, 2.0, -0.25) * H,
+            Vector3::new(8.0, 8.0, 0.4) * H,
+            Vector3::zeros(),
+        );
+        let soft = ContactLaw::elastic(1e-4 * E);
+        let s = cube_against(kind, 4, &rigid(plate, Motion::Fixed), soft);
+        let mut run = run_of(vec![moving(s, Vector3::z() * -20.0)], 0.5);
+        let error = run.run(100_000, &mut Silent).unwrap_err().to_string();
+        assert!(
+            error.contains("obstacle 'tool'") && error.contains("modulus"),
+            "{error}"
+        );
+    }
+}
+
 #[test]
 fn surfaces_are_refused_by_name() {
     let floor = |z: f64, normal: f64| {
@@ -579,6 +603,16 @@ fn surfaces_are_refused_by_name() {
     let error = refuse(&rigid(speck, Motion::Fixed));
     assert!(
         error.contains("longest facet") && error.contains("refine"),
+        "{error}"
+    );
+    // A ball within the block, which no point of its surface sees.
+    let enclosed = RigidShape::Sphere {
+        centre: Point3::new(1.7, 1.9, 2.1) * H,
+        radius: 0.8 * H,
+    };
+    let error = refuse(&rigid(enclosed, Motion::Fixed));
+    assert!(
+        error.contains("the obstacle starts inside") && error.contains("'tool'"),
         "{error}"
     );
     let bar = FemModel::new("bar", generate::bar(0.0, 1.0, 4, 1.0).unwrap(), material()).unwrap();

@@ -20,20 +20,18 @@
 
 use super::closed::{Active, Closed, Proposed};
 use super::exterior::{Exterior, Side};
-use super::facet::Foot;
+use super::facet::{Facet, Foot};
 use super::forces::Push;
 use super::place::Place;
+use super::points::{DEEPEST, Deepest, SurfacePoint};
 use super::search::Near;
-use super::{ContactLaw, End, Pair, Twist};
+use super::{ContactLaw, End, Pair, Solid, Twist};
 use crate::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
 use crate::error::invalid;
 use crate::model::Arms;
 use crate::record::Record;
 use crate::{Error, Result};
-use nalgebra::Vector3;
-
-/// Part of a facet's size by which points of another surface may overlap it at the start.
-const DEEPEST: f64 = 0.5;
+use nalgebra::{Point3, Vector3};
 
 /// Specification of contact between two models of which one has a surface at least, a pair effect on their
 /// subdomains in the order of the models.
@@ -49,6 +47,8 @@ struct Contacts {
     closed: Closed,
     /// Distance below which each point pushes \[m\]: its radius, or its distance at rest if it overlaps then.
     allowed: Vec<f64>,
+    /// Longest way that a point can sink in a step without losing its foot \[m\].
+    thinnest: f64,
     demand: StepDemand<f64>,
     checked: bool,
     most: usize,
@@ -82,6 +82,7 @@ impl SurfaceContact {
             near: Near::new(law.skin * first.size().min(second.size())),
             closed: Closed::new(law, 0),
             allowed: Vec::new(),
+            thinnest: f64::INFINITY,
             demand: StepDemand::none(),
             checked: false,
             most: 0,
@@ -139,34 +140,55 @@ impl Contacts {
     /// Returns an error if points lie deep inside the other model: it would hold them there or throw them
     /// out.
     fn check_start(&self, q: [&[f64]; 2]) -> Result<()> {
-        let (mut count, mut deepest) = (0, (0.0, Vector3::zeros(), 0.0));
+        let mut deepest = Deepest::default();
         for (point, foot) in self.near.feet() {
             let (s, k) = locate(&self.sides, point);
-            let p = &self.sides[s].points[k];
-            let limit = if self.sides[s].turns {
+            let (side, p) = (&self.sides[s], &self.sides[s].points[k]);
+            let limit = if side.turns {
                 p.size
             } else {
-                DEEPEST * p.size
+                DEEPEST * p.size.min(foot.depth)
             };
-            let depth = self.sides[s].radius(k) - foot.distance;
-            if depth > limit {
-                count += 1;
-                if depth > deepest.0 {
-                    deepest = (depth, p.rest.coords + p.place.value(q[s]), limit);
-                }
+            deepest.add(side.radius(k) - foot.distance, limit, || p.position(q[s]));
+        }
+        deepest.refuse(&format!("models of '{}'", self.name), "start", |limit| {
+            format!("must overlap by {limit} at most, half a facet or a radius: move one of the two")
+        })
+    }
+
+    /// Returns an error if points lie inside the other model at rest, too deep for its facets to see them.
+    fn check_enclosed(&self) -> Result<()> {
+        let mut deepest = Deepest::default();
+        for (side, other) in [(0, 1), (1, 0)].map(|(s, o)| (&self.sides[s], &self.sides[o])) {
+            let corners = |f: &Facet| {
+                f.triangle
+                    .places(|n| other.rest[n as usize].coords)
+                    .map(Point3::from)
+            };
+            // Facets of a zone are open where it lies in its body.
+            let Ok(solid) = Solid::new(other.facets.iter().map(corners).collect()) else {
+                continue;
+            };
+            let [low, high] = solid.bounds();
+            let near = |p: &&SurfacePoint| (0..3).all(|c| low[c] < p.rest[c] && p.rest[c] < high[c]);
+            for p in side.points.iter().filter(near) {
+                deepest.add(-solid.distance(&p.rest).0, DEEPEST * p.size, || p.rest.coords);
             }
         }
-        let (depth, x, limit) = deepest;
-        if count == 0 {
-            return Ok(());
+        deepest.refuse(&format!("models of '{}'", self.name), "start", |_| {
+            "must not lie in each other: move one of the two".into()
+        })
+    }
+
+    /// Returns an error if points sink so deep that they may pass through the facets that hold them.
+    fn check_depth(&self, q: [&[f64]; 2]) -> Result<()> {
+        let mut deepest = Deepest::default();
+        for (point, foot) in self.near.feet() {
+            let (s, k) = locate(&self.sides, point);
+            let place = || self.sides[s].points[k].position(q[s]);
+            deepest.add(-foot.distance, DEEPEST * foot.depth, place);
         }
-        let value = format!(
-            "{count} points start inside, the deepest {depth:.3e} m at ({:.3e}, {:.3e}, {:.3e}) m",
-            x.x, x.y, x.z
-        );
-        let rule =
-            format!("must overlap by {limit:.3e} m at most, half a facet or a radius: move one of the two");
-        Err(invalid(&format!("models of '{}'", self.name), value, &rule))
+        deepest.refuse_sinking(&format!("models of '{}'", self.name))
     }
 
     /// Finds the feet of all points that may touch; points off the list open.
@@ -259,6 +281,7 @@ impl Contacts {
             self.sides[*s].forces.withdraw(push);
         }
         let ends = ends(&self.sides, &proposed, instants, f);
+        self.closed.repay(p.point as usize);
         let spring = &mut self.closed.springs[p.point as usize];
         let r = self
             .closed
@@ -312,10 +335,23 @@ impl PairEffectSpec<f64> for SurfaceContact {
         let undeformed = undeformed.each_ref().map(Vec::as_slice);
         contacts.find(undeformed);
         contacts.check_start(undeformed)?;
+        if !hosts.tied.iter().flatten().any(|tied| *tied) {
+            contacts.check_enclosed()?;
+        }
         for (point, foot) in contacts.near.feet() {
             let allowed = &mut contacts.allowed[point as usize];
             *allowed = allowed.min(foot.distance);
         }
+        let depths = contacts
+            .sides
+            .iter()
+            .flat_map(|s| s.facets.iter().map(|f| f.depth));
+        let radii = contacts
+            .sides
+            .iter()
+            .filter(|s| s.turns)
+            .flat_map(|s| s.points.iter().map(|p| p.size));
+        contacts.thinnest = DEEPEST * depths.chain(radii).fold(f64::INFINITY, f64::min);
         contacts.demand = contacts.demanded();
         Ok(Box::new(self.0))
     }
@@ -374,7 +410,7 @@ impl PairEffect<f64> for Contacts {
     fn add_forces(&mut self, instants: [&Instant<'_, f64>; 2], mut f: [&mut [f64]; 2]) -> Result<()> {
         let q = instants.map(|i| i.q);
         let way = self.near.way(&self.sides, instants);
-        let limit = self.near.reach();
+        let limit = self.near.reach().min(self.thinnest);
         if way > limit {
             let rule = format!(
                 "must stay below {limit:e} m, or one would jump through the surface of the other; shorten the time step or slow \
@@ -390,6 +426,7 @@ impl PairEffect<f64> for Contacts {
         if !std::mem::replace(&mut self.checked, true) {
             self.check_start(q)?;
         }
+        self.check_depth(q)?;
         self.respond(instants, &mut f);
         Ok(())
     }

@@ -234,7 +234,8 @@ impl BudgetedLaw {
 fn spend(p: &Proposal, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spring) -> Response {
     let mut r = p.response;
     let work = Work::from_response(&r, ends, dt);
-    let dearest = work.with_reserve(SAFETY * 0.5 * dt * r.force.norm() * spring.unknown);
+    let reserve = SAFETY * 0.5 * dt * r.force.norm() * spring.unknown;
+    let dearest = work.with_reserve(reserve);
     let mut wanted = 1.0;
     if elastic {
         let three = |x: &[f64; 6]| Vector3::new(x[0], x[1], x[2]);
@@ -264,8 +265,8 @@ fn spend(p: &Proposal, ends: [&End; 2], dt: f64, elastic: bool, spring: &mut Spr
     r.force *= s;
     r.torque.iter_mut().for_each(|t| *t *= s);
     let done = work.at_scale(s);
-    // Half of the work is done in the half step before this instant.
-    r.stored = r.stored.min(spring.budget - 0.5 * done).max(0.0);
+    // Half of the work is done in the half step before this instant; what is held back is not stored.
+    r.stored = r.stored.min(spring.budget - 0.5 * done - reserve).max(0.0);
     spring.budget -= done;
     r
 }

@@ -11,9 +11,14 @@ const WIDTH: (usize, usize) = (12, 5);
 /// Numbers of a spring in a record.
 const SPRING: usize = Spring::NUMBERS;
 
-/// Name of the figure that tells by how much a surface has turned where it touches. The surface of a linear
-/// model strains by half of its square.
+/// Name of the figure that tells by how much a surface has turned where it touches or is pressed. The surface
+/// of a linear model strains by half of its square.
 pub const LARGEST_TURN: &str = "largest turn of the surface [rad]";
+
+/// Figure of the largest turn, from the cosine of its angle.
+pub(crate) fn largest_turn(cosine: f64) -> (String, f64) {
+    (LARGEST_TURN.into(), cosine.clamp(-1.0, 1.0).acos())
+}
 
 /// A closed contact and its response in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +52,9 @@ pub(super) struct Closed {
     pub(super) active: Vec<Active>,
     pub(super) proposed: Vec<Proposed>,
     backwards: bool,
+    /// Energy \[J\] that contacts gave beyond their budgets, by forces that they did not know. All contacts
+    /// repay it.
+    debt: f64,
     /// Smallest cosine of the angle by which a facet in contact has turned since rest.
     turn: f64,
 }
@@ -59,6 +67,7 @@ impl Closed {
             active: Vec::new(),
             proposed: Vec::new(),
             backwards: false,
+            debt: 0.0,
             turn: 1.0,
         }
     }
@@ -69,7 +78,10 @@ impl Closed {
         // The first step gives all contacts that it finds closed their budgets.
         let active: &[Active] = if self.law.begun { &self.active } else { &[] };
         for a in active {
-            self.springs[a.point as usize].settle(dt, power(a) - a.expected, a.force.norm());
+            let spring = &mut self.springs[a.point as usize];
+            spring.settle(dt, power(a) - a.expected, a.force.norm());
+            self.debt -= spring.budget.min(0.0);
+            spring.budget = spring.budget.max(0.0);
         }
     }
 
@@ -99,8 +111,17 @@ impl Closed {
     /// Opens the contact of a point: it forgets its sliding and its budget.
     pub(super) fn open(&mut self, point: usize) {
         if self.springs[point].closed {
+            self.debt = (self.debt - self.springs[point].budget).max(0.0);
             self.springs[point] = Spring::default();
         }
+    }
+
+    /// Lets a contact repay the debt, before it is decided.
+    pub(super) fn repay(&mut self, point: usize) {
+        let budget = &mut self.springs[point].budget;
+        let paid = budget.max(0.0).min(self.debt);
+        *budget -= paid;
+        self.debt -= paid;
     }
 
     /// Records the cosine of the angle by which a facet in contact has turned since rest, if it is the
@@ -113,13 +134,14 @@ impl Closed {
     pub(super) fn facts(&self) -> [(String, f64); 2] {
         [
             ("contacts".into(), self.active.len() as f64),
-            (LARGEST_TURN.into(), self.turn.clamp(-1.0, 1.0).acos()),
+            largest_turn(self.turn),
         ]
     }
 
-    /// Energy of the springs \[J\].
+    /// Energy of the springs \[J\], less the debt.
     pub(super) fn stored(&self) -> f64 {
-        self.active.iter().fold(0.0, |sum, a| sum + a.stored)
+        let springs = self.active.iter().fold(0.0, |sum, a| sum + a.stored);
+        (springs - self.debt).max(0.0)
     }
 
     /// Appends the state to a record.
@@ -128,7 +150,7 @@ impl Closed {
         let flags = [self.law.begun, self.backwards].map(u64::from);
         out.integers.extend(flags);
         out.integers.push(closed().count() as u64);
-        out.numbers.extend([self.law.supplied, self.turn]);
+        out.numbers.extend([self.law.supplied, self.turn, self.debt]);
         for (k, spring) in closed() {
             out.integers.push(k as u64);
             out.numbers.extend(spring.numbers());
@@ -151,7 +173,7 @@ impl Closed {
         nodes: impl Fn(u32) -> usize,
     ) -> Option<()> {
         let (&[begun, backwards, closed], integers) = integers.split_first_chunk::<3>()?;
-        let (&[supplied, turn], numbers) = numbers.split_first_chunk::<2>()?;
+        let (&[supplied, turn, debt], numbers) = numbers.split_first_chunk::<3>()?;
         let closed = usize::try_from(closed).ok()?;
         let (places, integers) = integers.split_at_checked(closed)?;
         let (springs, numbers) = numbers.split_at_checked(closed.checked_mul(SPRING)?)?;
@@ -162,7 +184,7 @@ impl Closed {
         if integers.0.len() != numbers.0.len() || !integers.1.is_empty() || !numbers.1.is_empty() {
             return None;
         }
-        (self.law.supplied, self.turn) = (supplied, turn);
+        (self.law.supplied, self.turn, self.debt) = (supplied, turn, debt);
         [self.law.begun, self.backwards] = [begun == 1, backwards == 1];
         self.springs.fill(Spring::default());
         for (k, x) in places.iter().zip(springs.as_chunks::<SPRING>().0) {

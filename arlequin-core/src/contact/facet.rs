@@ -2,8 +2,10 @@
 //!
 //! A sphere touches the nearest facet: within it, on its edge or at its corner. A point of another surface
 //! touches the nearest facet that it lies behind and that faces its own surface. The facet then need not be
-//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. A point
-//! beyond the rim of a facet does not touch it if it lies nearer in front of another one: it is outside.
+//! the nearest of all: at the rim of two blocks of one width, the side is as near as the top. Where it lies
+//! deeper than a quarter of the facet, the facet must be the nearest of all: a corner that has just entered
+//! by one face lies deep behind the next. A point beyond the rim of a facet does not touch it if it lies
+//! nearer in front of another one: it is outside.
 //! Each point has one foot, so edges and corners are not counted twice, and the spring of the point goes
 //! with it from facet to facet.
 
@@ -16,6 +18,8 @@ const FACING: f64 = -0.1;
 /// Part of its size by which a facet reaches beyond its edges for points of another surface: the rims of two
 /// blocks of one width shift against each other when they are pressed.
 const RIM: f64 = 0.03;
+/// Part of the depth of a facet to which it holds points that have another facet nearer.
+const GRAZED: f64 = 0.25;
 /// Difference of two distances, over the size of the facet, below which they are equal.
 const EQUAL: f64 = 1e-9;
 
@@ -41,6 +45,8 @@ pub(super) struct Foot {
     pub(super) normal: Vector3<f64>,
     /// Cosine of the angle by which the facet has turned since rest.
     pub(super) turn: f64,
+    /// Depth below which the point loses its foot \[m\].
+    pub(super) depth: f64,
 }
 
 impl Foot {
@@ -51,6 +57,7 @@ impl Foot {
             distance: f64::INFINITY,
             normal: Vector3::zeros(),
             turn: 1.0,
+            depth: f64::INFINITY,
         }
     }
 }
@@ -120,32 +127,37 @@ pub(super) fn foot<'a>(
 ) -> Foot {
     // Feet within facets and beyond their rims, with their ranks; height above the nearest facet below.
     let mut best = [(Foot::none(), 0.0); 2];
-    let mut front = f64::INFINITY;
+    let (mut front, mut nearest_of_all) = (f64::INFINITY, f64::INFINITY);
     for facet in facets {
         let corners = facet.triangle.places(&place);
         let doubled = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let Some(n) = doubled.try_normalize(0.0) else {
             continue;
         };
+        let x = closest_on_triangle(&seeker.at, &corners);
+        let d = seeker.at - x;
+        nearest_of_all = nearest_of_all.min(d.norm());
         if seeker.normal.is_some_and(|own| own.dot(&n) > FACING * own.norm()) {
             continue;
         }
-        let x = closest_on_triangle(&seeker.at, &corners);
-        let d = seeker.at - x;
         let height = n.dot(&d);
         let aside = (d - n * height).norm();
         let beyond = seeker.normal.is_some() && aside > EQUAL * facet.size;
         if height >= 0.0 && !beyond {
             front = front.min(height);
         }
+        let depth = match seeker.normal {
+            Some(_) => facet.depth,
+            None => facet.depth.min(seeker.radius),
+        };
         let nearest = if seeker.normal.is_some() {
-            (height < 0.0 && height >= -facet.depth && aside <= RIM * facet.size).then_some((height, n))
+            (height < 0.0 && height >= -depth && aside <= RIM * facet.size).then_some((height, n))
         } else {
             let size = d.norm();
             let normal = if size > EQUAL * facet.size { d / size } else { n };
             match height >= 0.0 {
                 true => Some((size, normal)),
-                false => (size <= facet.depth.min(seeker.radius)).then_some((-size, -normal)),
+                false => (size <= depth).then_some((-size, -normal)),
             }
         };
         let Some((distance, normal)) = nearest else {
@@ -168,16 +180,22 @@ pub(super) fn foot<'a>(
                 distance,
                 normal,
                 turn: n.dot(&facet.doubled) / facet.doubled.norm(),
+                depth,
             };
         }
     }
     let [(within, _), (beyond, _)] = best;
     let depth = beyond.distance.abs();
-    if depth < within.distance.abs() && depth < front {
+    let foot = if depth < within.distance.abs() && depth < front {
         beyond
     } else {
         within
+    };
+    let is_deep = -foot.distance > GRAZED * foot.depth;
+    if seeker.normal.is_some() && is_deep && nearest_of_all < -foot.distance * (1.0 - EQUAL) {
+        return Foot::none();
     }
+    foot
 }
 
 /// Weights of the corners at a point of a triangle with an area.

@@ -37,6 +37,7 @@ mod solid;
 pub use between::SurfaceContact;
 pub use budget::{BudgetedLaw, End, Proposal};
 pub use closed::LARGEST_TURN;
+pub(crate) use closed::largest_turn;
 pub use exterior::Exterior;
 pub use law::{ContactLaw, Pair, Response, Spring};
 pub use obstacle::SurfaceObstacle;

@@ -11,8 +11,9 @@
 use super::closed::{Active, Closed, Proposed};
 use super::forces::{Push, StepForces};
 use super::place::{Place, Triangle};
-use super::points::{self, SurfacePoint};
-use super::{ContactLaw, Pair, RigidBody, SharedBody, Twist};
+use super::points::{self, DEEPEST, Deepest, SurfacePoint};
+use super::search::{farthest, three};
+use super::{ContactLaw, Pair, RigidBody, SharedBody, Solid, Twist};
 use crate::effect::{AnyEffect, Effect, EffectSpec, Host, Instant, RigidMotion, StepDemand};
 use crate::error::invalid;
 use crate::model::Model;
@@ -23,8 +24,6 @@ use nalgebra::{Point3, Vector3};
 
 /// Reach of the list of near points, in mean sizes of the facets.
 const SKIN: f64 = 0.5;
-/// Part of a facet's size by which its points may overlap the body at the start.
-const DEEPEST: f64 = 0.5;
 /// Specification of a rigid body that the surface of a continuum touches, an effect on its subdomain.
 #[derive(Debug)]
 pub struct SurfaceObstacle(Contacts);
@@ -119,8 +118,26 @@ impl SurfaceObstacle {
             object,
             name,
         });
-        out.0
-            .check_start(&rigid, &rigid.first_displacement(), |p| p.rest)?;
+        let start = rigid.first_displacement();
+        out.0.check_start(&rigid, &start, |p| p.rest)?;
+        let corners = |t: &Triangle| t.places(|n| model.nodes()[n as usize].coords).map(Point3::from);
+        // A surface that is open, such as that of a zone, encloses nothing.
+        if let (Some(inner), Ok(solid)) = (
+            rigid.shape().inner_point(),
+            Solid::new(triangles.iter().map(corners).collect()),
+        ) && solid.distance(&(inner + start)).0 < 0.0
+        {
+            let x = inner + start;
+            let value = format!(
+                "the obstacle starts inside, at ({:.3e}, {:.3e}, {:.3e}) m",
+                x.x, x.y, x.z
+            );
+            return Err(invalid(
+                &out.0.object,
+                value,
+                "must not lie in each other: move one of the two",
+            ));
+        }
         drop(rigid);
         Ok(out)
     }
@@ -134,40 +151,25 @@ impl Contacts {
         moved: &Vector3<f64>,
         place: impl Fn(&SurfacePoint) -> Point3<f64>,
     ) -> Result<()> {
-        let (mut count, mut deepest) = (0, (0.0, Point3::origin(), 0.0));
+        let mut deepest = Deepest::default();
         for p in &self.points {
             let x = place(p);
-            let depth = -rigid.shape().distance(&x, moved).0;
-            let limit = (DEEPEST * p.size).min(rigid.shape().depth());
-            if depth > limit {
-                count += 1;
-                if depth > deepest.0 {
-                    deepest = (depth, x, limit);
-                }
-            }
+            let limit = DEEPEST * p.size.min(rigid.shape().depth());
+            deepest.add(-rigid.shape().distance(&x, moved).0, limit, || x.coords);
         }
-        let (depth, x, limit) = deepest;
-        if count == 0 {
-            return Ok(());
-        }
-        let value = format!(
-            "{count} points start inside, the deepest {depth:.3e} m behind the surface of the obstacle at ({:.3e}, {:.3e}, {:.3e}) m",
-            x.x, x.y, x.z
-        );
-        let rule = format!(
-            "must be at most {limit:.3e} m deep, half a facet: move one of the two, or turn the normal of a plane towards the model"
-        );
-        Err(invalid(&self.object, value, &rule))
+        deepest.refuse(&self.object, "start", |limit| {
+            format!(
+                "must be at most {limit} deep, half a facet or half of the obstacle's depth: move one of the two, or turn the normal of \
+                 a plane towards the model"
+            )
+        })
     }
 
     /// Rebuilds the list of near points if it no longer holds.
     fn refresh(&mut self, rigid: &RigidBody, q: &[f64]) {
         let near = &mut self.near;
         let moved = rigid.moved();
-        let displaced = |n: u32| {
-            let o = 3 * n as usize;
-            Vector3::new(q[o], q[o + 1], q[o + 2])
-        };
+        let displaced = |n: u32| three(q, n);
         // A margin of a thousandth for round-off.
         let slack = 0.999 * near.skin - (moved - near.moved).norm();
         let stays = |(n, then): (&u32, &Vector3<f64>)| (displaced(*n) - then).norm_squared() <= slack * slack;
@@ -180,7 +182,7 @@ impl Contacts {
         (near.moved, near.is_built) = (moved, true);
         near.points.clear();
         for (k, p) in self.points.iter().enumerate() {
-            if rigid.shape().distance(&(p.rest + p.place.value(q)), &moved).0 < near.skin {
+            if rigid.shape().distance(&p.position(q).into(), &moved).0 < near.skin {
                 near.points.push(k as u32);
             } else {
                 // A point off the list cannot touch: its contact starts anew when it returns.
@@ -190,13 +192,16 @@ impl Contacts {
     }
 
     /// Computes all contacts and adds their forces to `f`.
-    fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) {
+    fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) -> Result<()> {
         self.closed.begin(instant.dt);
+        let mut deepest = Deepest::default();
+        let held = DEEPEST * rigid.shape().depth();
         let count = self.near.points.len();
         for n in 0..count {
             let k = self.near.points[self.closed.turn(n, count)] as usize;
-            let x = self.points[k].rest + self.points[k].place.value(instant.q);
+            let x = Point3::from(self.points[k].position(instant.q));
             let (distance, normal) = rigid.shape().distance(&x, &rigid.moved());
+            deepest.add(-distance, held, || x.coords);
             let gap = self.allowed[k] - distance;
             if gap > 0.0 && self.weight[k] > 0.0 {
                 self.closed.turned(self.points[k].turn(instant.q));
@@ -205,6 +210,7 @@ impl Contacts {
                 self.closed.open(k);
             }
         }
+        deepest.refuse_sinking(&self.object)?;
         // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..self.closed.proposed.len() {
             self.decide(self.closed.proposed[n], rigid, instant, f);
@@ -221,6 +227,7 @@ impl Contacts {
             let push = push(&self.points[a.point as usize], a.force);
             self.forces.deliver(&push, f);
         }
+        Ok(())
     }
 
     fn propose(
@@ -269,6 +276,7 @@ impl Contacts {
         let proposed = push(point, p.proposal.response.force);
         self.forces.withdraw(&proposed);
         let ends = || [rigid.end(instant), self.forces.end(&proposed, instant, f)];
+        self.closed.repay(p.point as usize);
         let spring = &mut self.closed.springs[p.point as usize];
         let r = self.closed.law.decide(&p.proposal, ends, instant.dt, spring);
         self.forces.decide(&push(point, r.force));
@@ -417,17 +425,21 @@ impl Effect<f64> for Contacts {
         let shared = self.body.clone();
         let mut rigid = shared.lock();
         rigid.begin(self.share, instant)?;
-        let (way, limit) = (rigid.way().norm(), rigid.shape().depth());
+        let speed = farthest(&self.near.nodes, |n, _| three(instant.v_half, n));
+        let (way, limit) = (
+            rigid.way().norm() + instant.dt * speed,
+            DEEPEST * rigid.shape().depth(),
+        );
         if instant.dt > 0.0 && way > limit {
             let rule = format!(
-                "must stay below {limit:e} m, the depth of the obstacle, or it would jump through surfaces; shorten the time step or \
-                 slow it down"
+                "must stay below {limit:e} m, half the depth of the obstacle, or they could jump through each other; shorten the time \
+                 step or slow them down"
             );
-            let what = format!("step of obstacle '{}'", self.name);
+            let what = format!("way of {} in a step", self.object);
             return Err(invalid(&what, format_args!("{way:e} m"), &rule));
         }
         if !std::mem::replace(&mut self.checked, true) {
-            self.check_start(&rigid, &rigid.moved(), |p| p.rest + p.place.value(instant.q))?;
+            self.check_start(&rigid, &rigid.moved(), |p| p.position(instant.q).into())?;
         }
         // The motion of the body was known when contacts were computed, unless a relaxation holds it still.
         let points = &self.points;
@@ -437,7 +449,7 @@ impl Effect<f64> for Contacts {
         };
         self.closed.settle(instant.dt, power);
         self.refresh(&rigid, instant.q);
-        self.respond(&mut rigid, instant, f);
+        self.respond(&mut rigid, instant, f)?;
         rigid.finish(self.share, instant);
         Ok(())
     }

@@ -57,6 +57,14 @@ impl Triangle {
         }
     }
 
+    /// Cosine of the angle between the normals for the places `then` and `now` of the nodes.
+    pub(crate) fn turn(&self, then: impl Fn(u32) -> Vector3<f64>, now: impl Fn(u32) -> Vector3<f64>) -> f64 {
+        let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a));
+        let [then, now] = [doubled(self.places(then)), doubled(self.places(now))];
+        let size = then.norm() * now.norm();
+        if size > 0.0 { then.dot(&now) / size } else { 1.0 }
+    }
+
     /// Size \[m\]: the side of the square that has the area of the face, or of two such triangles.
     pub(crate) fn size(&self, area: f64) -> f64 {
         let count = if self.is_quarter() { 4.0 } else { 2.0 };

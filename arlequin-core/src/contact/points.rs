@@ -15,6 +15,10 @@ use std::collections::BTreeMap;
 /// Thickness of the elastic layer of a contact over the size of the facet.
 const LAYER: f64 = 0.25;
 
+/// Part of a facet's size or depth, and of the depth of a rigid body, by which points may overlap it at the
+/// start and sink into it in a run. Deeper ones could pass through.
+pub(super) const DEEPEST: f64 = 0.5;
+
 /// Largest number of divisions of a facet along an edge.
 const MOST: usize = 64;
 
@@ -38,20 +42,67 @@ pub(super) struct SurfacePoint {
 }
 
 impl SurfacePoint {
+    /// Position in the displacements `q` \[m\].
+    pub(super) fn position(&self, q: &[f64]) -> Vector3<f64> {
+        self.rest.coords + self.place.value(q)
+    }
+
     /// Cosine of the angle by which the facet of the point has turned since rest, in the displacements `q`.
     pub(super) fn turn(&self, q: &[f64]) -> f64 {
         let Some((triangle, rest)) = &self.facet else {
             return 1.0;
         };
-        let doubled = |x: [Vector3<f64>; 3]| (x[1] - x[0]).cross(&(x[2] - x[0]));
         let place = |n: u32| rest[triangle.nodes.iter().position(|m| *m == n).unwrap_or_default()];
         let moved = |n: u32| {
             let o = 3 * n as usize;
             place(n) + Vector3::new(q[o], q[o + 1], q[o + 2])
         };
-        let [then, now] = [doubled(triangle.places(place)), doubled(triangle.places(moved))];
-        let size = then.norm() * now.norm();
-        if size > 0.0 { then.dot(&now) / size } else { 1.0 }
+        triangle.turn(place, moved)
+    }
+}
+
+/// Points that lie deeper in a body than their limits, and the deepest of them.
+#[derive(Debug, Default)]
+pub(super) struct Deepest {
+    count: usize,
+    depth: f64,
+    limit: f64,
+    place: Vector3<f64>,
+}
+
+impl Deepest {
+    /// Adds a point at `place` if its depth exceeds the limit \[m\].
+    pub(super) fn add(&mut self, depth: f64, limit: f64, place: impl FnOnce() -> Vector3<f64>) {
+        if depth > limit {
+            self.count += 1;
+            if depth > self.depth {
+                (self.depth, self.limit, self.place) = (depth, limit, place());
+            }
+        }
+    }
+
+    /// Returns an error about `object` if there are points; they `verb` inside, and `rule` gets the limit of
+    /// the deepest as text.
+    pub(super) fn refuse(&self, object: &str, verb: &str, rule: impl FnOnce(&str) -> String) -> Result<()> {
+        if self.count == 0 {
+            return Ok(());
+        }
+        let x = &self.place;
+        let value = format!(
+            "{} points {verb} inside, the deepest {:.3e} m at ({:.3e}, {:.3e}, {:.3e}) m",
+            self.count, self.depth, x.x, x.y, x.z
+        );
+        Err(invalid(object, value, &rule(&format!("{:.3e} m", self.limit))))
+    }
+
+    /// Refuses points that sink in a run so deep that they may pass through.
+    pub(super) fn refuse_sinking(&self, object: &str) -> Result<()> {
+        self.refuse(object, "sink", |limit| {
+            format!(
+                "must stay above a depth of {limit}, or they may pass through: enlarge the modulus of the contact, or refine the \
+                 surface"
+            )
+        })
     }
 }
 

@@ -256,9 +256,13 @@ impl RigidBody {
         if self.shares[share].called {
             let missing = self.shares.iter().any(|s| !s.called);
             if missing && instant.dt > 0.0 {
-                let what = format!("own steps of the models that obstacle '{}' touches", self.name);
-                let rule = "must be equal, as one free body moves under the forces of all of them; give these models the step ratio 1";
-                return Err(invalid(&what, "different", rule));
+                let what = format!(
+                    "steps of the models that the free obstacle '{}' touches",
+                    self.name
+                );
+                let rule =
+                    "must be equal, as it moves under the forces of all of them; set their step.ratio to 1";
+                return Err(invalid(&what, "of different lengths", rule));
             }
             self.advance(instant);
         }

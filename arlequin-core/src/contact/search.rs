@@ -123,7 +123,7 @@ impl Near {
         let boxes: Vec<[Point3<f64>; 2]> = other.facets.iter().map(around).collect();
         let tree = BoxTree::new(boxes);
         let near = |k: usize| {
-            let x = own.points[k].rest + own.points[k].place.value(q[s]);
+            let x = Point3::from(own.points[k].position(q[s]));
             let size = Vector3::repeat(own.radius(k));
             let mut facets: Vec<u32> = Vec::new();
             tree.any(&[x - size, x + size], &mut |facet| {
@@ -155,7 +155,7 @@ impl Near {
             let (own, other) = (&sides[s], &sides[1 - s]);
             let p = &own.points[k];
             let seeker = Seeker {
-                at: p.rest.coords + p.place.value(q[s]),
+                at: p.position(q[s]),
                 normal: (!own.turns).then_some(p.normal),
                 radius: own.radius(k),
             };
@@ -169,13 +169,13 @@ impl Near {
 }
 
 /// Vector of a node in a nodal field.
-fn three(x: &[f64], n: u32) -> Vector3<f64> {
+pub(super) fn three(x: &[f64], n: u32) -> Vector3<f64> {
     let o = 3 * n as usize;
     Vector3::new(x[o], x[o + 1], x[o + 2])
 }
 
 /// Largest length of a vector over nodes, which is given by the number of the node and its place in the list.
-fn farthest(nodes: &[u32], vector: impl Fn(u32, usize) -> Vector3<f64> + Sync) -> f64 {
+pub(super) fn farthest(nodes: &[u32], vector: impl Fn(u32, usize) -> Vector3<f64> + Sync) -> f64 {
     let square = |(place, n): (usize, &u32)| vector(*n, place).norm_squared();
     let squares = nodes.par_iter().enumerate().with_min_len(16 * CHUNK).map(square);
     squares.reduce(|| 0.0, f64::max).sqrt()

@@ -165,6 +165,16 @@ impl RigidShape {
         }
     }
 
+    /// A point of the body; `None` for bodies without end.
+    pub(super) fn inner_point(&self) -> Option<Point3<f64>> {
+        match self {
+            Self::Plane { .. } | Self::Cylinder { .. } => None,
+            // The middle of a hollow body lies outside of it.
+            Self::Solid(solid) => Some(solid.triangles()[0][0]),
+            _ => Some(self.middle()),
+        }
+    }
+
     /// Radius and moment of inertia of a free ball; `None` for bodies that do not rotate.
     pub(crate) fn turning(&self, motion: &Motion) -> Result<Option<(f64, f64)>> {
         let Motion::Free { mass, inertia, .. } = motion else {

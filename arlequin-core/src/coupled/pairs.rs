@@ -5,7 +5,7 @@ use crate::effect::{Attached, EffectLine, HostPair, PairEffect, PairSpec, StepDe
 use crate::error::invalid;
 use crate::interface::{Interface, coupled_nodes};
 use crate::model::Finding;
-use crate::phase::Phase;
+use crate::phase::{Phase, SetupPhase};
 use crate::subdomain::Subdomain;
 use crate::{Real, Result};
 
@@ -50,9 +50,11 @@ pub(super) fn attach<T: Real>(
     pairs: Vec<PairSpec<T>>,
     subdomains: &[Subdomain<T>],
     interfaces: &[Interface<T>],
+    announce: &mut dyn FnMut(SetupPhase),
 ) -> Result<Vec<Pair<T>>> {
     let mut out = Vec::with_capacity(pairs.len());
-    for p in pairs {
+    for (k, p) in pairs.into_iter().enumerate() {
+        announce(SetupPhase::Pair(k));
         let mut tied = [Vec::new(), Vec::new()];
         for i in interfaces {
             for (m, mask) in tied.iter_mut().enumerate() {

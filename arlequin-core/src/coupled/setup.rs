@@ -180,7 +180,10 @@ impl<T: Real> Coupled<T> {
             i.report.warnings.extend(warnings);
         }
         // Pair effects must know which nodes the interfaces tie.
-        let pairs = pairs::attach(pairs, &subdomains, &built)?;
+        let pairs = pairs::attach(pairs, &subdomains, &built, announce)?;
+        if !pairs.is_empty() {
+            announce(SetupPhase::Step);
+        }
         // Effects are attached by now: they shorten critical steps.
         let steps = subdomains.iter_mut().enumerate().map(|(k, s)| {
             let asked = pace::asked(step, s.step_choice());

@@ -10,8 +10,9 @@
 //! held; elsewhere it depends on the way, as it does in nature.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant};
-use crate::contact::Triangle;
+use crate::contact::{Triangle, largest_turn};
 use crate::error::invalid;
+use crate::record::Record;
 use crate::time::TimeFunction;
 use crate::{Error, Result};
 use nalgebra::{Point3, Vector3};
@@ -35,6 +36,8 @@ struct Pressed {
     time: TimeFunction<f64>,
     /// Forces of the last instant \[N\], for each unknown.
     forces: Vec<f64>,
+    /// Smallest cosine of the angle by which a triangle has turned since rest.
+    turn: f64,
 }
 
 impl FollowingPressure {
@@ -90,6 +93,7 @@ impl EffectSpec<f64> for FollowingPressure {
             triangles: triangles.filter(|(_, w)| *w != 0.0).collect(),
             rest: rest.to_vec(),
             forces: vec![0.0; layout.dofs()],
+            turn: 1.0,
             name: self.name,
             pressure: self.pressure,
             time: self.time,
@@ -101,6 +105,29 @@ impl AnyEffect<f64> for Pressed {
     fn name(&self) -> &str {
         &self.name
     }
+
+    fn save(&self) -> Record<f64> {
+        Record {
+            numbers: vec![self.turn],
+            ..Record::default()
+        }
+    }
+
+    fn restore(&mut self, from: &Record<f64>) -> Result<()> {
+        let [turn] = from.numbers[..] else {
+            return Err(Error::SizeMismatch {
+                what: format!("record of pressure '{}'", self.name),
+                expected: 1,
+                found: from.numbers.len(),
+            });
+        };
+        self.turn = turn;
+        Ok(())
+    }
+
+    fn facts(&self) -> Vec<(String, f64)> {
+        vec![largest_turn(self.turn)]
+    }
 }
 
 impl Effect<f64> for Pressed {
@@ -111,11 +138,14 @@ impl Effect<f64> for Pressed {
             return Ok(());
         }
         let rest = &self.rest;
+        let then = |n: u32| rest[n as usize].coords;
+        let now = |n: u32| {
+            let o = 3 * n as usize;
+            then(n) + Vector3::new(instant.q[o], instant.q[o + 1], instant.q[o + 2])
+        };
         for (triangle, weight) in &self.triangles {
-            let [a, b, c] = triangle.places(|n| {
-                let o = 3 * n as usize;
-                rest[n as usize].coords + Vector3::new(instant.q[o], instant.q[o + 1], instant.q[o + 2])
-            });
+            self.turn = self.turn.min(triangle.turn(then, now));
+            let [a, b, c] = triangle.places(now);
             let force = (b - a).cross(&(c - a)) * (-0.5 * pressure * weight);
             triangle.place([1.0 / 3.0; 3]).add(&force, &mut self.forces);
         }

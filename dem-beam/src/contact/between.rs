@@ -199,8 +199,7 @@ impl PairEffect<f64> for Contacts {
             self.check_start(&self.list)?;
         }
         self.touching
-            .respond(&mut self.list.listed, &mut self.grains, &instants, &mut f);
-        Ok(())
+            .respond(&mut self.list.listed, &mut self.grains, &instants, &mut f)
     }
 
     fn power(&self, v: [&[f64]; 2]) -> f64 {

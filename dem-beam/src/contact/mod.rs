@@ -216,7 +216,7 @@ impl Effect<f64> for Contacts {
                     list.listed.measure(from_ref(grains), &[instant.q]);
                 }
                 drop(log);
-                touching.respond(&mut list.listed, from_mut(grains), from_ref(instant), &mut [f]);
+                touching.respond(&mut list.listed, from_mut(grains), from_ref(instant), &mut [f])?;
             }
             Pairs::Part(part) => {
                 grains.place(instant.q);

@@ -120,7 +120,7 @@ impl GatheredPairs {
             from_mut(&mut touched),
             from_ref(&now),
             &mut [&mut forces],
-        );
+        )?;
         gathered.deliver(&forces, f);
         self.gathered = gathered;
         Ok(())

@@ -76,13 +76,17 @@ impl Touching {
 
     /// Computes all closed contacts and adds their forces to `f`, pair after pair. The pairs must have been
     /// measured.
+    ///
+    /// # Errors
+    /// [`arlequin_core::Error::InvalidParameter`] for a particle that has sunk into another by the smaller
+    /// radius: they would leave each other on the wrong side.
     pub(crate) fn respond(
         &mut self,
         listed: &mut Listed,
         grains: &mut [Grains],
         instants: &[Instant<'_, f64>],
         f: &mut [&mut [f64]],
-    ) {
+    ) -> arlequin_core::Result<()> {
         self.active.clear();
         self.law.begin(instants[0].dt);
         let count = listed.touching().len();
@@ -99,6 +103,7 @@ impl Touching {
             let spring = &mut listed.springs[k];
             if overlap > 0.0 {
                 let ends = listed.pairs[k].ends;
+                check_overlap(ends, overlap, grains)?;
                 self.close((k, ends, overlap), spring, grains, instants, f);
             } else if spring.closed {
                 // An open contact forgets its sliding, its rolling and its budget.
@@ -122,6 +127,7 @@ impl Touching {
             }
         }
         self.top_contacts = self.top_contacts.max(self.active.len());
+        Ok(())
     }
 
     fn close(
@@ -308,6 +314,25 @@ impl Active {
         };
         end_power(&ends[0], &-self.force, &self.torque[0]) + end_power(&ends[1], &self.force, &self.torque[1])
     }
+}
+
+/// Returns an error for two particles that overlap by more than the smaller radius.
+fn check_overlap(ends: [u32; 2], overlap: f64, grains: &[Grains]) -> arlequin_core::Result<()> {
+    let [a, b] = [(0, ends[0]), (grains.len() - 1, ends[1])].map(|(m, e)| grains[m].now[e as usize]);
+    let limit = a[3].min(b[3]);
+    if overlap <= limit {
+        return Ok(());
+    }
+    Err(arlequin_core::invalid(
+        &format!(
+            "overlap of two particles near ({:.3e}, {:.3e}, {:.3e}) m",
+            a[0], a[1], a[2]
+        ),
+        format_args!("{overlap:.3e} m"),
+        &format!(
+            "must stay below the smaller radius {limit:.3e} m, or they may pass through each other: enlarge the modulus of the contact"
+        ),
+    ))
 }
 
 fn pair(

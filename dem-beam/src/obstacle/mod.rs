@@ -168,6 +168,25 @@ impl Body {
         Ok(())
     }
 
+    /// Returns an error if the centre of a particle has sunk by half of the obstacle's depth.
+    fn check_depth(&self, x: &Point3<f64>, depth: f64, rigid: &RigidBody) -> arlequin_core::Result<()> {
+        let limit = 0.5 * rigid.shape().depth();
+        if depth <= limit {
+            return Ok(());
+        }
+        Err(arlequin_core::invalid(
+            &format!(
+                "depth of a particle at ({:.3e}, {:.3e}, {:.3e}) m in obstacle '{}'",
+                x.x, x.y, x.z, self.name
+            ),
+            format_args!("{depth:.3e} m"),
+            &format!(
+                "must stay below {limit:.3e} m, half the depth of the obstacle, or it may pass through: enlarge the modulus of the \
+                 contact"
+            ),
+        ))
+    }
+
     /// Corrects the budgets for the work of forces in the last step that were unknown when contacts were
     /// computed, and of a driven obstacle that a relaxation holds still.
     fn settle_budgets(&mut self, rigid: &RigidBody, instant: &Instant<'_, f64>) {
@@ -212,7 +231,12 @@ impl Body {
     }
 
     /// Computes the contacts with the listed near particles.
-    fn respond(&mut self, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &mut [f64]) {
+    fn respond(
+        &mut self,
+        rigid: &mut RigidBody,
+        instant: &Instant<'_, f64>,
+        f: &mut [f64],
+    ) -> arlequin_core::Result<()> {
         let springs = &mut self.springs;
         // A particle off the list cannot touch: its contact starts anew when it returns.
         let lost = |i: usize| {
@@ -225,8 +249,9 @@ impl Body {
         self.near
             .refresh(rigid.shape(), &rigid.moved(), u, rest_spheres, lost);
         let near = std::mem::take(&mut self.near.particles);
-        self.act_on(&near, rigid, instant, f);
+        let done = self.act_on(&near, rigid, instant, f);
         self.near.particles = near;
+        done
     }
 
     /// Computes the contacts with the given particles, which must include all that touch the obstacle.
@@ -236,7 +261,7 @@ impl Body {
         rigid: &mut RigidBody,
         instant: &Instant<'_, f64>,
         f: &mut [f64],
-    ) {
+    ) -> arlequin_core::Result<()> {
         self.active.clear();
         self.law.begin(instant.dt);
         let u = &instant.q[..3 * self.grains.len()];
@@ -245,11 +270,11 @@ impl Body {
             let n = if self.backwards { count - 1 - n } else { n };
             let i = particles[n] as usize;
             let sphere = self.grains.rest_spheres[i];
-            let (distance, normal) = rigid
-                .shape()
-                .distance(&near::place(&sphere, u, i), &rigid.moved());
+            let centre = near::place(&sphere, u, i);
+            let (distance, normal) = rigid.shape().distance(&centre, &rigid.moved());
             let gap = sphere[3] + self.allowed[i] - distance;
             if gap > 0.0 {
+                self.check_depth(&centre, -distance, rigid)?;
                 let pair = self.pair(rigid, i, gap, distance, normal, instant);
                 self.close(i, &pair, rigid, instant, f);
             } else if self.springs[i].closed {
@@ -269,6 +294,7 @@ impl Body {
         for a in &self.active {
             self.grains.deliver(a.particle as usize, f);
         }
+        Ok(())
     }
 
     fn close(&mut self, i: usize, pair: &Pair, rigid: &mut RigidBody, instant: &Instant<'_, f64>, f: &[f64]) {
@@ -356,7 +382,7 @@ impl Effect<f64> for Body {
             }
             None => {
                 self.settle_budgets(&rigid, instant);
-                self.respond(&mut rigid, instant, f);
+                self.respond(&mut rigid, instant, f)?;
             }
         }
         rigid.finish(self.share, instant);

@@ -91,7 +91,7 @@ impl Body {
         let now = gathered.instant(instant);
         self.settle_budgets(rigid, &now);
         let places: Vec<u32> = (0..gathered.ids.len() as u32).collect();
-        self.act_on(&places, rigid, &now, &mut forces);
+        self.act_on(&places, rigid, &now, &mut forces)?;
         gathered.deliver(&forces, f);
         Ok(())
     }

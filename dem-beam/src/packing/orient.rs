@@ -45,7 +45,7 @@ impl Surface {
         {
             return Err(Error::no_vertex(a));
         }
-        let edges = edges(&triangles)?;
+        let edges = edges(&vertices, &triangles)?;
         let shells = turn_alike(&mut triangles, &edges)?;
         turn_outwards(&vertices, &mut triangles, &shells)?;
         Self::new(vertices, triangles)
@@ -80,7 +80,7 @@ pub(crate) fn shells(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
 
 /// Returns for every edge its two triangles, each with true if it runs along the edge from the smaller to the
 /// larger vertex number.
-fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
+fn edges(vertices: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Result<Edges> {
     let mut edges = Edges::new();
     for (i, t) in triangles.iter().enumerate() {
         for k in 0..3 {
@@ -90,8 +90,7 @@ fn edges(triangles: &[[u32; 3]]) -> Result<Edges> {
     }
     match edges.iter().find(|(_, uses)| uses.len() != 2) {
         Some((&(a, b), uses)) => Err(Error::OpenSurface {
-            first: a as usize,
-            second: b as usize,
+            ends: [a, b].map(|v| vertices[v as usize].into()),
             count: uses.len(),
         }),
         None => Ok(edges),

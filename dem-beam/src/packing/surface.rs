@@ -54,8 +54,7 @@ impl Surface {
         }
         if let Some((&(a, b), &(count, _))) = edges.iter().find(|(_, e)| **e != (2, 0)) {
             return Err(Error::OpenSurface {
-                first: a as usize,
-                second: b as usize,
+                ends: [a, b].map(|v| vertices[v as usize].into()),
                 count,
             });
         }

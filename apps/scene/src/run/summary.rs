@@ -142,7 +142,7 @@ fn turned(line: &EffectLine<f64>) -> Option<String> {
     let (name, angle) = line.facts.iter().find(|f| f.0 == LARGEST_TURN)?;
     (*angle > LARGE_TURN).then(|| {
         format!(
-            "effect '{}': {name} {angle:.2} where it touches, above {LARGE_TURN}; elements are linear, and strain by {:.1} % when they turn so \
+            "effect '{}': {name} {angle:.2}, above {LARGE_TURN}; elements are linear, and strain by {:.1} % when they turn so \
              far: compare with particles, which turn freely with dem.finite_rotations = true",
             line.name,
             50.0 * angle * angle

@@ -66,6 +66,7 @@ pub(super) fn name(phase: SetupPhase, [models, interfaces]: &[Vec<String>; 2]) -
         SetupPhase::Partition => "partition of unity".to_owned(),
         SetupPhase::Junction(k) => format!("junction integrals of '{}'", name_of(interfaces, k)),
         SetupPhase::Operator(k) => format!("operator and factor of '{}'", name_of(interfaces, k)),
+        SetupPhase::Pair(_) => "contact between models".to_owned(),
         SetupPhase::Step => "critical steps".to_owned(),
         SetupPhase::Start => "initial state".to_owned(),
         _ => "the rest".to_owned(),

@@ -83,14 +83,15 @@ pub(super) fn build(path: &str, name: &str, l: &Load, body: &Body) -> Result<Cho
     }
 }
 
-/// Refuses a load that follows on a body that shares it with its zones.
-pub(super) fn check_fixed(path: &str, l: &Load) -> Result<()> {
-    check(path, l)?;
-    if l.follow {
-        let rule = "acts on a model of its own, not on a body with zones; name a model, or remove it";
-        return Err(key(format!("{path}.follow"), rule));
-    }
-    Ok(())
+/// Refuses a load that follows on particles, and on a body that has it in common with its zones.
+pub(super) fn check_follow(path: &str, l: &Load, table: &LoweredModel, shared: bool) -> Result<()> {
+    let rule = match (shared, kind(table.kind).has_spheres()) {
+        _ if !l.follow => return Ok(()),
+        (true, _) => "acts on a model of its own, not on a body with zones; name a model, or remove it",
+        (_, true) => "needs the surface of a solid of finite or natural elements, not particles; remove it",
+        _ => return Ok(()),
+    };
+    Err(key(format!("{path}.follow"), rule))
 }
 
 /// Builds a load on one model that keeps the surface as it is at rest.

@@ -1,6 +1,7 @@
 //! Keys of errors of the core: the key of the object that the error names, otherwise that of the object on
 //! which the set-up worked.
 
+use super::between::touching;
 use crate::error::Error;
 use crate::setup::LoweredScene;
 use crate::spec::StepChoice;
@@ -8,7 +9,11 @@ use arlequin::core::{Error as Core, SetupPhase};
 
 /// Adds the key that causes it to an error of the core in this phase of the set-up.
 pub(super) fn in_phase(scene: &LoweredScene, phase: SetupPhase, source: Core) -> Error {
-    let key = named(scene, &source).unwrap_or_else(|| of_phase(scene, phase));
+    let key = match phase {
+        SetupPhase::Pair(k) => between(scene, k),
+        _ => named(scene, &source),
+    };
+    let key = key.unwrap_or_else(|| of_phase(scene, phase));
     Error::Core { key, source }
 }
 
@@ -37,6 +42,14 @@ fn named(scene: &LoweredScene, source: &Core) -> Option<String> {
         | Core::Model { model, .. } => format!("model.{model}"),
         _ => return None,
     })
+}
+
+/// Key of the `k`-th effect between two models.
+fn between(scene: &LoweredScene, k: usize) -> Option<String> {
+    let pairs = touching(scene).ok()?;
+    pairs
+        .get(k)
+        .map(|(effect, _)| format!("effect[{effect}].between"))
 }
 
 /// Key of the object on which a phase of the set-up works: one model or interface, or all of them.

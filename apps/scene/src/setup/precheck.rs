@@ -3,7 +3,7 @@
 use super::interface::Plan;
 use super::kind::Order;
 use super::kinds::{self, kind};
-use super::names::{effects_by_model, headline, model_index, model_indices};
+use super::names::{effects_by_model, headline, model_index, model_indices, parts};
 use super::shapes::ends;
 use super::{between, drive, load, places, probe, select, statics, time, zone};
 use crate::error::{Result, key, unknown, value};
@@ -111,6 +111,9 @@ fn acting(scene: &LoweredScene) -> Result<()> {
         selection(&format!("{path}.where"), &l.at, table)?;
         load::check(&path, l)?;
         load::check_surface(&path, l, table)?;
+        let m = model_index(&format!("{path}.model"), &l.model, scene)?;
+        let shared = parts(scene, m).len() > 1;
+        load::check_follow(&path, l, table, shared)?;
         time::time_function(&format!("{path}.time"), &l.time)?;
     }
     for (k, i) in scene.initial.iter().enumerate() {

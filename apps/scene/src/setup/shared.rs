@@ -90,7 +90,6 @@ pub(super) fn loads(
     folder: &Path,
 ) -> Result<Vec<(usize, effect::Load<f64>)>> {
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
-    load::check_fixed(&path, l)?;
     let time = time::time_function(&format!("{path}.time"), &l.time)?;
     let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
     let mut out = Vec::new();

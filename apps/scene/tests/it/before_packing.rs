@@ -208,6 +208,18 @@ fn notches_slabs_and_absorbers_are_refused_before_packing() {
     }
 }
 
+#[test]
+fn pressures_that_follow_are_refused_where_they_cannot_act() {
+    let pressure = "\n[[load]]\nwhere = \"x-max\"\npressure = 1e6\nfollow = true\n";
+    for (text, model, rule) in [
+        (ROCK, "rock", "not particles"),
+        (&ZONE.replace("KIND", "dem"), "body", "not on a body with zones"),
+    ] {
+        let text = format!("{text}{pressure}model = \"{model}\"\n");
+        refused(&text, "load[0].follow", &[rule]);
+    }
+}
+
 /// Issue 28, tried as a user: motions without a direction, spins that nothing follows, overlaps of zones.
 #[test]
 fn what_a_first_scene_gets_wrong_is_named_with_its_remedy() {

@@ -160,7 +160,6 @@ impl Moving {
         let on_body = scene.load.iter().enumerate().filter(|(_, l)| l.model == BODY);
         let loads = on_body.map(|(k, l)| {
             let path = format!("load[{k}]");
-            load::check_fixed(&path, l)?;
             load::fixed(&path, &load::name(k, l), l, &bodies[coarse])
         });
         let loads = loads.collect::<Result<_>>()?;
