@@ -210,10 +210,11 @@ fn notches_slabs_and_absorbers_are_refused_before_packing() {
 
 #[test]
 fn pressures_that_follow_are_refused_where_they_cannot_act() {
-    let pressure = "\n[[load]]\nwhere = \"x-max\"\npressure = 1e6\nfollow = true\n";
+    let pressure =
+        "\n[[load]]\nwhere = \"x-max\"\npressure = 1e6\nfollow = true\ntime.ramp.duration = 1e-6\n";
     for (text, model, rule) in [
         (ROCK, "rock", "not particles"),
-        (&ZONE.replace("KIND", "dem"), "body", "not on a body with zones"),
+        (&zone("dem"), "body", "not on a body with zones"),
     ] {
         let text = format!("{text}{pressure}model = \"{model}\"\n");
         refused(&text, "load[0].follow", &[rule]);

@@ -310,7 +310,7 @@ shape.ball = {{ centre = [0.0, 0.0, 0.0], radius = 0.6e-3 }}
 overlap.width = 1.8e-3
 [[effect]]
 models = [\"body\"]
-obstacle = {{ name = \"floor\", shape.plane = {{ point = [0.0, 0.0, 5e-6], normal = [0.0, 0.0, -1.0] }}, contact = {{}} }}
+obstacle = {{ name = \"floor\", shape.plane = {{ point = [0.0, 0.0, 5e-6], normal = [0.0, 0.0, -1.0] }}, contact.restitution = 1.0 }}
 [[initial]]
 velocity.uniform = [0.0, 0.0, 10.0]
 [time]
