@@ -20,6 +20,8 @@ const FACING: f64 = -0.1;
 const RIM: f64 = 0.03;
 /// Part of the depth of a facet to which it holds points that have another facet nearer.
 const GRAZED: f64 = 0.25;
+/// Part of its size by which a facet is taken to be larger where others are nearer: above round-off.
+const NEAR: f64 = 1e-6;
 /// Difference of two distances, over the size of the facet, below which they are equal.
 const EQUAL: f64 = 1e-9;
 
@@ -108,6 +110,54 @@ fn thickness(faces: &Faces, x: &Vector3<f64>, normal: &Vector3<f64>, reach: f64)
     nearest
 }
 
+/// A facet in its present place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PlacedFacet {
+    facet: Facet,
+    corners: [Vector3<f64>; 3],
+    /// Outward unit normal.
+    normal: Vector3<f64>,
+    /// Centre, and largest distance of a corner from it \[m\].
+    centre: Vector3<f64>,
+    radius: f64,
+}
+
+impl PlacedFacet {
+    /// Places a facet whose nodes are at `place`; one without area touches nothing.
+    pub(super) fn new(facet: &Facet, place: impl Fn(u32) -> Vector3<f64>) -> Self {
+        let corners = facet.triangle.places(place);
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
+        let centre = (a + b + c) / 3.0;
+        let farthest = corners.iter().fold(0.0_f64, |m, x| m.max((x - centre).norm()));
+        Self {
+            facet: *facet,
+            corners,
+            radius: normal.map_or(f64::NEG_INFINITY, |_| farthest),
+            normal: normal.unwrap_or_default(),
+            centre,
+        }
+    }
+
+    /// Returns whether the facet may have a point nearer than a distance \[m\].
+    fn may_reach(&self, x: &Vector3<f64>, distance: f64) -> bool {
+        let far = distance + self.radius + NEAR * self.facet.size;
+        far >= 0.0 && (x - self.centre).norm_squared() <= far * far
+    }
+
+    /// Foot at a point `x` of the facet, at a signed distance \[m\] and with a normal.
+    fn foot(&self, x: &Vector3<f64>, distance: f64, normal: Vector3<f64>, depth: f64) -> Foot {
+        let rest = &self.facet.doubled;
+        Foot {
+            place: self.facet.triangle.place(weights(x, &self.corners)),
+            distance,
+            normal,
+            turn: self.normal.dot(rest) / rest.norm(),
+            depth,
+        }
+    }
+}
+
 /// A point that looks for its foot.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seeker {
@@ -119,80 +169,115 @@ pub(super) struct Seeker {
     pub(super) radius: f64,
 }
 
-/// Finds the foot of a point among some facets, whose nodes are at `place`.
-pub(super) fn foot<'a>(
-    seeker: &Seeker,
-    facets: impl Iterator<Item = &'a Facet>,
-    place: impl Fn(u32) -> Vector3<f64>,
-) -> Foot {
-    // Feet within facets and beyond their rims, with their ranks; height above the nearest facet below.
-    let mut best = [(Foot::none(), 0.0); 2];
-    let (mut front, mut nearest_of_all) = (f64::INFINITY, f64::INFINITY);
-    for facet in facets {
-        let corners = facet.triangle.places(&place);
-        let doubled = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        let Some(n) = doubled.try_normalize(0.0) else {
-            continue;
-        };
-        let x = closest_on_triangle(&seeker.at, &corners);
-        let d = seeker.at - x;
-        nearest_of_all = nearest_of_all.min(d.norm());
-        if seeker.normal.is_some_and(|own| own.dot(&n) > FACING * own.norm()) {
-            continue;
-        }
-        let height = n.dot(&d);
-        let aside = (d - n * height).norm();
-        let beyond = seeker.normal.is_some() && aside > EQUAL * facet.size;
-        if height >= 0.0 && !beyond {
-            front = front.min(height);
-        }
-        let depth = match seeker.normal {
-            Some(_) => facet.depth,
-            None => facet.depth.min(seeker.radius),
-        };
-        let nearest = if seeker.normal.is_some() {
-            (height < 0.0 && height >= -depth && aside <= RIM * facet.size).then_some((height, n))
-        } else {
-            let size = d.norm();
-            let normal = if size > EQUAL * facet.size { d / size } else { n };
-            match height >= 0.0 {
-                true => Some((size, normal)),
-                false => (size <= depth).then_some((-size, -normal)),
-            }
-        };
-        let Some((distance, normal)) = nearest else {
-            continue;
-        };
-        // On an edge, the facet whose plane is farther from a sphere says on which side the sphere lies, and
-        // a point belongs to the facet that it lies behind.
-        let rank = if seeker.normal.is_some() {
-            -aside
-        } else {
-            height.abs()
-        };
-        let (best, best_rank) = &mut best[usize::from(beyond)];
-        let closer = best.distance.abs() - distance.abs();
-        let equal = closer.abs() <= EQUAL * facet.size;
-        if (equal && rank > *best_rank) || (!equal && closer > 0.0) {
-            *best_rank = rank;
-            *best = Foot {
-                place: facet.triangle.place(weights(&x, &corners)),
-                distance,
-                normal,
-                turn: n.dot(&facet.doubled) / facet.doubled.norm(),
-                depth,
-            };
+/// The nearest foot so far. Of feet that are equally near, the one with the highest rank counts.
+#[derive(Debug)]
+struct Nearest {
+    foot: Foot,
+    rank: f64,
+}
+
+impl Nearest {
+    fn none() -> Self {
+        Self {
+            foot: Foot::none(),
+            rank: 0.0,
         }
     }
-    let [(within, _), (beyond, _)] = best;
-    let depth = beyond.distance.abs();
-    let foot = if depth < within.distance.abs() && depth < front {
-        beyond
-    } else {
-        within
+
+    fn distance(&self) -> f64 {
+        self.foot.distance.abs()
+    }
+
+    fn offer(&mut self, distance: f64, rank: f64, size: f64, foot: impl FnOnce() -> Foot) {
+        let closer = self.distance() - distance.abs();
+        let equal = closer.abs() <= EQUAL * size;
+        if (equal && rank > self.rank) || (!equal && closer > 0.0) {
+            (self.foot, self.rank) = (foot(), rank);
+        }
+    }
+}
+
+/// Finds the foot of a point among some facets.
+pub(super) fn foot<'a>(seeker: &Seeker, facets: impl Iterator<Item = &'a PlacedFacet> + Clone) -> Foot {
+    match seeker.normal {
+        Some(own) => foot_of_surface(&seeker.at, &own, facets),
+        None => foot_of_sphere(&seeker.at, seeker.radius, facets),
+    }
+}
+
+fn foot_of_sphere<'a>(at: &Vector3<f64>, radius: f64, facets: impl Iterator<Item = &'a PlacedFacet>) -> Foot {
+    let mut best = Nearest::none();
+    for f in facets {
+        if !f.may_reach(at, radius.min(best.distance())) {
+            continue;
+        }
+        let x = closest_on_triangle(at, &f.corners);
+        let d = at - x;
+        let (height, size) = (f.normal.dot(&d), d.norm());
+        let depth = f.facet.depth.min(radius);
+        let is_outside = height >= 0.0;
+        if !is_outside && size > depth {
+            continue;
+        }
+        let outwards = if size > EQUAL * f.facet.size {
+            d / if is_outside { size } else { -size }
+        } else {
+            f.normal
+        };
+        let distance = if is_outside { size } else { -size };
+        // On an edge, the facet whose plane is farther says on which side the sphere lies.
+        best.offer(distance, height.abs(), f.facet.size, || {
+            f.foot(&x, distance, outwards, depth)
+        });
+    }
+    best.foot
+}
+
+fn foot_of_surface<'a>(
+    at: &Vector3<f64>,
+    own: &Vector3<f64>,
+    facets: impl Iterator<Item = &'a PlacedFacet> + Clone,
+) -> Foot {
+    let (mut within, mut beyond) = (Nearest::none(), Nearest::none());
+    let limit = FACING * own.norm();
+    let is_facing = |f: &PlacedFacet| own.dot(&f.normal) <= limit;
+    for f in facets.clone() {
+        let height = f.normal.dot(&(at - f.centre));
+        let depth = f.facet.depth;
+        // Beyond the rim, a facet is farther than it is deep.
+        let reach = depth.min(within.distance()) + RIM * f.facet.size;
+        if height >= 0.0 || height < -depth || !is_facing(f) || !f.may_reach(at, reach) {
+            continue;
+        }
+        let x = closest_on_triangle(at, &f.corners);
+        let aside = (at - x - f.normal * height).norm();
+        if aside > RIM * f.facet.size {
+            continue;
+        }
+        let is_beyond = aside > EQUAL * f.facet.size;
+        let best = if is_beyond { &mut beyond } else { &mut within };
+        // On an edge, the point belongs to the facet that it lies behind.
+        best.offer(height, -aside, f.facet.size, || {
+            f.foot(&x, height, f.normal, depth)
+        });
+    }
+    let way_to = |f: &PlacedFacet, far: f64| {
+        f.may_reach(at, far)
+            .then(|| at - closest_on_triangle(at, &f.corners))
     };
-    let is_deep = -foot.distance > GRAZED * foot.depth;
-    if seeker.normal.is_some() && is_deep && nearest_of_all < -foot.distance * (1.0 - EQUAL) {
+    let far = beyond.distance();
+    let is_in_front = |f: &PlacedFacet| {
+        is_facing(f)
+            && way_to(f, far).is_some_and(|d| {
+                let height = f.normal.dot(&d);
+                (0.0..=far).contains(&height) && (d - f.normal * height).norm() <= EQUAL * f.facet.size
+            })
+    };
+    let takes_beyond = far < within.distance() && !facets.clone().any(is_in_front);
+    let foot = if takes_beyond { beyond.foot } else { within.foot };
+    let depth = -foot.distance;
+    let is_grazed = |f: &PlacedFacet| way_to(f, depth).is_some_and(|d| d.norm() < depth * (1.0 - EQUAL));
+    if depth > GRAZED * foot.depth && facets.clone().any(is_grazed) {
         return Foot::none();
     }
     foot
@@ -249,9 +334,11 @@ mod tests {
         );
         let see = |x: f64, y: f64, z: f64, normal: Option<Vector3<f64>>| {
             let (at, radius) = (Vector3::new(x, y, z), 0.2);
-            foot(&Seeker { at, normal, radius }, facets.iter(), |n| {
-                nodes[n as usize].coords
-            })
+            let placed = facets
+                .iter()
+                .map(|f| PlacedFacet::new(f, |n| nodes[n as usize].coords));
+            let placed: Vec<PlacedFacet> = placed.collect();
+            foot(&Seeker { at, normal, radius }, placed.iter())
         };
         for (x, distance, normal) in [
             ([0.3, 0.4, 1.2], 0.2, Vector3::z()),

@@ -5,7 +5,7 @@
 
 use super::between::locate;
 use super::exterior::Side;
-use super::facet::{Facet, Foot, Seeker, foot};
+use super::facet::{Facet, Foot, PlacedFacet, Seeker, foot};
 use crate::effect::Instant;
 use crate::geometry::bounds_of;
 use crate::tree::BoxTree;
@@ -20,10 +20,13 @@ const CHUNK: usize = 256;
 pub(super) struct Near {
     skin: f64,
     /// Listed points in ascending order, those of the second side after all of the first; and where the
-    /// numbers of the facets of each begin, and end for the last.
+    /// places of the facets of each in the list of the other side begin, and end for the last.
     points: Vec<u32>,
     starts: Vec<usize>,
     facets: Vec<u32>,
+    /// Listed facets of each side in ascending order, and their present places.
+    listed: [Vec<u32>; 2],
+    placed: [Vec<PlacedFacet>; 2],
     feet: Vec<Foot>,
     /// Displacements of the nodes of both sides when the list was built.
     built: [Vec<Vector3<f64>>; 2],
@@ -38,6 +41,8 @@ impl Near {
             points: Vec::new(),
             starts: vec![0],
             facets: Vec::new(),
+            listed: [Vec::new(), Vec::new()],
+            placed: [Vec::new(), Vec::new()],
             feet: Vec::new(),
             built: [Vec::new(), Vec::new()],
             is_built: false,
@@ -111,6 +116,7 @@ impl Near {
     /// Lists the points of side `s` near facets of the other side; its points are numbered from `first`.
     fn list(&mut self, s: usize, first: u32, sides: &[Side; 2], q: [&[f64]; 2]) {
         let (own, other) = (&sides[s], &sides[1 - s]);
+        self.listed[1 - s].clear();
         if own.points.is_empty() || other.facets.is_empty() {
             return;
         }
@@ -140,19 +146,31 @@ impl Near {
             .with_min_len(CHUNK)
             .filter_map(near)
             .collect();
+        let listed = &mut self.listed[1 - s];
+        *listed = lists.iter().flat_map(|l| &l.1).copied().collect();
+        listed.sort_unstable();
+        listed.dedup();
+        let mut places = vec![0; other.facets.len()];
+        (0..).zip(&*listed).for_each(|(k, f)| places[*f as usize] = k);
         for (point, facets) in lists {
             self.points.push(point);
-            self.facets.extend(facets);
+            self.facets.extend(facets.iter().map(|f| places[*f as usize]));
             self.starts.push(self.facets.len());
         }
     }
 
     /// Finds the feet of all listed points.
     pub(super) fn measure(&mut self, sides: &[Side; 2], q: [&[f64]; 2]) {
-        let (points, starts, facets) = (&self.points, &self.starts, &self.facets);
+        for (s, placed) in self.placed.iter_mut().enumerate() {
+            let side = &sides[s];
+            let place = |f: &u32| PlacedFacet::new(&side.facets[*f as usize], |n| side.position(n, q[s]));
+            let listed = self.listed[s].par_iter().with_min_len(CHUNK);
+            listed.map(place).collect_into_vec(placed);
+        }
+        let (points, starts, facets, placed) = (&self.points, &self.starts, &self.facets, &self.placed);
         let find = |(n, out): (usize, &mut Foot)| {
             let (s, k) = locate(sides, points[n]);
-            let (own, other) = (&sides[s], &sides[1 - s]);
+            let (own, placed) = (&sides[s], &placed[1 - s]);
             let p = &own.points[k];
             let seeker = Seeker {
                 at: p.position(q[s]),
@@ -160,8 +178,7 @@ impl Near {
                 radius: own.radius(k),
             };
             let near = facets[starts[n]..starts[n + 1]].iter();
-            let near = near.map(|f| &other.facets[*f as usize]);
-            *out = foot(&seeker, near, |n| other.position(n, q[1 - s]));
+            *out = foot(&seeker, near.map(|f| &placed[*f as usize]));
         };
         let feet = self.feet.par_iter_mut().enumerate();
         feet.with_min_len(CHUNK).for_each(find);
