@@ -5,6 +5,7 @@ use crate::geometry::{self, Cell};
 use crate::model::Model;
 use crate::weight::{Complement, Uniform, Weight};
 use crate::{Real, Result};
+use nalgebra::Point3;
 use std::sync::Arc;
 
 /// Deviations of a model from its weights; all zero up to round-off for a correct model.
@@ -64,10 +65,39 @@ pub fn weights<T: Real>(
     })
 }
 
+/// A weight up to a place along x and its complement beyond. A cell that reaches beyond has the mean of the
+/// complement.
+struct Switched<T: Real> {
+    below: Arc<dyn Weight<T>>,
+    beyond: Complement<T>,
+    border: T,
+}
+
+impl<T: Real> Weight<T> for Switched<T> {
+    fn value(&self, x: &Point3<T>) -> T {
+        let beyond = x.x > self.border;
+        if beyond {
+            self.beyond.value(x)
+        } else {
+            self.below.value(x)
+        }
+    }
+
+    fn mean(&self, cell: &Cell<T>) -> T {
+        let beyond = geometry::inner_bounds(cell)[1].x > self.border;
+        if beyond {
+            self.beyond.mean(cell)
+        } else {
+            self.below.mean(cell)
+        }
+    }
+}
+
 /// Checks that the weights of a model may change in the middle of a run ([`crate::Coupled::rezone`]), at
 /// displacements of the given amplitude \[m\]: after a change to `1 − w` and back, forces under `w` are what
-/// they were, and nodes where `w` leaves no mass get no force. Returns the largest deviation relative to the
-/// largest force; zero for a correct model. `w` should be zero in a part of the model.
+/// they were; a change of one half of the model by [`Model::change_internal_weight`] gives the forces of the
+/// whole weight; and nodes where `w` leaves no mass get no force. Returns the largest deviation relative to
+/// the largest force; zero for a correct model. `w` should be zero in a part of the model.
 ///
 /// # Errors
 /// Errors of the model.
@@ -75,27 +105,46 @@ pub fn reweighing<T: Real>(model: &mut dyn Model<T>, w: &Arc<dyn Weight<T>>, amp
     let layout = model.layout();
     let n = layout.dofs();
     let q: Vec<T> = (0..n).map(|i| fixed_noise::<T>(i) * amplitude).collect();
-    let mut forces = [vec![T::zero(); n], vec![T::zero(); n]];
-    model.set_internal_weight(&**w)?;
-    for f in &mut forces {
-        model.add_internal_forces(&q, f)?;
-        // A run saves what a model remembers, such as orientations, and restores it.
-        let memory = model.save();
-        model.set_internal_weight(&Complement(vec![w.clone()]))?;
-        model.restore(&memory)?;
-        model.set_internal_weight(&**w)?;
-        model.restore(&memory)?;
+    let [low, high] = geometry::bounds_of(model.nodes().iter());
+    let border = (low.x + high.x) * T::of(0.5);
+    let beyond = Complement(vec![w.clone()]);
+    let switched = Switched {
+        below: w.clone(),
+        beyond: beyond.clone(),
+        border,
+    };
+    let steps: [&dyn Fn(&mut dyn Model<T>) -> Result<()>; 4] = [
+        &|m| m.set_internal_weight(&**w),
+        &|m| {
+            m.set_internal_weight(&beyond)
+                .and_then(|()| m.set_internal_weight(&**w))
+        },
+        &|m| m.change_internal_weight(&switched, &move |b| b[1].x > border),
+        &|m| m.set_internal_weight(&switched),
+    ];
+    let mut forces = Vec::with_capacity(steps.len());
+    // A run saves what a model remembers, such as orientations, and restores it.
+    let mut memory = None;
+    for step in steps {
+        step(model)?;
+        if let Some(memory) = &memory {
+            model.restore(memory)?;
+        }
+        let mut f = vec![T::zero(); n];
+        model.add_internal_forces(&q, &mut f)?;
+        memory.get_or_insert_with(|| model.save());
+        forces.push(f);
     }
     let mut inertia = vec![T::zero(); n];
     model.lumped_inertia(&**w, &mut inertia)?;
     let largest = |x: &mut dyn Iterator<Item = T>| x.fold(T::zero(), |m, x| m.max(x.abs()));
     let top_mass = largest(&mut inertia[..layout.translations()].iter().copied());
     let no_mass = top_mass * T::epsilon() * T::of(4.0);
-    let [first, second] = &forces;
-    let changed = largest(&mut first.iter().zip(second).map(|(a, b)| *a - *b));
+    let apart = |a: &[T], b: &[T]| largest(&mut a.iter().zip(b).map(|(a, b)| *a - *b));
+    let changed = apart(&forces[0], &forces[1]).max(apart(&forces[2], &forces[3]));
     let asleep = (0..n).filter(|i| inertia[layout.node_of(*i) * layout.components] <= no_mass);
-    let pushed = largest(&mut asleep.map(|i| first[i]));
-    Ok(changed.max(pushed) / largest(&mut first.iter().copied()))
+    let pushed = largest(&mut asleep.map(|i| forces[0][i]));
+    Ok(changed.max(pushed) / largest(&mut forces[0].iter().copied()))
 }
 
 /// Largest difference between the mean of a weight over a cell and the mean of its values by quadrature on 64
