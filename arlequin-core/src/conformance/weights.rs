@@ -113,38 +113,35 @@ pub fn reweighing<T: Real>(model: &mut dyn Model<T>, w: &Arc<dyn Weight<T>>, amp
         beyond: beyond.clone(),
         border,
     };
-    let steps: [&dyn Fn(&mut dyn Model<T>) -> Result<()>; 4] = [
-        &|m| m.set_internal_weight(&**w),
-        &|m| {
-            m.set_internal_weight(&beyond)
-                .and_then(|()| m.set_internal_weight(&**w))
-        },
-        &|m| m.change_internal_weight(&switched, &move |b| b[1].x > border),
-        &|m| m.set_internal_weight(&switched),
-    ];
-    let mut forces = Vec::with_capacity(steps.len());
-    // A run saves what a model remembers, such as orientations, and restores it.
-    let mut memory = None;
-    for step in steps {
-        step(model)?;
-        if let Some(memory) = &memory {
-            model.restore(memory)?;
-        }
+    let forces = |model: &mut dyn Model<T>| -> Result<Vec<T>> {
         let mut f = vec![T::zero(); n];
         model.add_internal_forces(&q, &mut f)?;
-        memory.get_or_insert_with(|| model.save());
-        forces.push(f);
-    }
+        Ok(f)
+    };
+    model.set_internal_weight(&**w)?;
+    let first = forces(model)?;
+    // A run saves what a model remembers, such as orientations, and restores it.
+    let memory = model.save();
+    model.set_internal_weight(&beyond)?;
+    model.set_internal_weight(&**w)?;
+    model.restore(&memory)?;
+    let back = forces(model)?;
+    model.change_internal_weight(&switched, &move |b| b[1].x > border)?;
+    model.restore(&memory)?;
+    let half = forces(model)?;
+    model.set_internal_weight(&switched)?;
+    model.restore(&memory)?;
+    let whole = forces(model)?;
     let mut inertia = vec![T::zero(); n];
     model.lumped_inertia(&**w, &mut inertia)?;
     let largest = |x: &mut dyn Iterator<Item = T>| x.fold(T::zero(), |m, x| m.max(x.abs()));
     let top_mass = largest(&mut inertia[..layout.translations()].iter().copied());
     let no_mass = top_mass * T::epsilon() * T::of(4.0);
     let apart = |a: &[T], b: &[T]| largest(&mut a.iter().zip(b).map(|(a, b)| *a - *b));
-    let changed = apart(&forces[0], &forces[1]).max(apart(&forces[2], &forces[3]));
+    let changed = apart(&first, &back).max(apart(&half, &whole));
     let asleep = (0..n).filter(|i| inertia[layout.node_of(*i) * layout.components] <= no_mass);
-    let pushed = largest(&mut asleep.map(|i| forces[0][i]));
-    Ok(changed.max(pushed) / largest(&mut forces[0].iter().copied()))
+    let pushed = largest(&mut asleep.map(|i| first[i]));
+    Ok(changed.max(pushed) / largest(&mut first.iter().copied()))
 }
 
 /// Largest difference between the mean of a weight over a cell and the mean of its values by quadrature on 64
