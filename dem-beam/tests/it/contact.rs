@@ -181,9 +181,21 @@ fn a_free_ball_gives_the_energy_and_momentum_that_the_body_gets() {
     );
 }
 
+/// Particles that are too soft for a blow end the run before they pass through each other.
+#[test]
+fn particles_that_would_pass_through_end_the_run() {
+    let pair = dumbbells(&[0.0, 2.5 * R], &[R; 2]);
+    let mut run = flying(pair, &[20.0, -20.0], ContactLaw::elastic(1e-5 * E), 0.5);
+    let error = run.run(100_000, &mut Silent).unwrap_err().to_string();
+    assert!(
+        error.contains("overlap of two particles") && error.contains("enlarge the modulus"),
+        "{error}"
+    );
+}
+
 #[test]
 fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
-    let strike = |speed: f64, fraction: f64| {
+    let strike = |speed: f64, fraction: f64, modulus: f64| {
         let packing = lattice(Lattice::Cubic, [4, 4, 6], R).unwrap();
         let model = DemModel::new("block", &packing, BeamMaterial::SILICA, 2200.0)
             .unwrap()
@@ -193,7 +205,7 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
         let law = ContactLaw {
             restitution: 0.5,
             friction: 0.2,
-            ..ContactLaw::elastic(E)
+            ..ContactLaw::elastic(modulus)
         };
         let shape = RigidShape::Sphere {
             centre: Point3::new(4.0 * R, 4.0 * R, top + 3.01 * R),
@@ -210,7 +222,7 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
         run.run(steps.max(10), &mut Silent).map(|_| run)
     };
     // Beams of silica carry waves at 10 km/s.
-    let run = strike(15_000.0, 0.3).unwrap();
+    let run = strike(15_000.0, 0.3, 4.0 * E).unwrap();
     assert!(run.drift() < 1e-9, "{}", run.drift());
     for line in run.effects() {
         let (dissipated, supplied) = (line.dissipated().unwrap(), run.effects()[2].supplied.unwrap());
@@ -221,7 +233,12 @@ fn an_indenter_at_supersonic_speed_ends_in_a_named_error_or_a_closed_balance() {
             -dissipated
         );
     }
-    let error = strike(1e6, 0.9).unwrap_err().to_string();
+    let error = strike(15_000.0, 0.3, E).unwrap_err().to_string();
+    assert!(
+        error.contains("in obstacle 'indenter'") && error.contains("enlarge the modulus"),
+        "{error}"
+    );
+    let error = strike(1e6, 0.9, E).unwrap_err().to_string();
     assert!(
         error.contains("step of obstacle 'indenter'") && error.contains("jump over particles"),
         "{error}"
