@@ -1,6 +1,6 @@
 //! `arlequin compare`: options, and the files that the command writes.
 
-use crate::error::{Error, Result, key, write};
+use crate::error::{Result, key, write};
 use crate::report;
 use arlequin_scene::Scene;
 use arlequin_scene::compare::{compare as measure, method};
@@ -22,11 +22,8 @@ pub(crate) struct Choice {
 
 /// Compares methods on the models of a scene.
 pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> {
-    let methods = choice
-        .methods
-        .iter()
-        .map(|m| method(m))
-        .collect::<Result<Vec<_>>>()?;
+    let words = choice.methods.iter();
+    let methods: Vec<_> = words.map(|m| method(m)).collect::<Result<_>>()?;
     let stem = scene.source().path.file_stem().unwrap_or_default();
     // Found before minutes of work, as are wrong words.
     let around = |page| text_around(page, &stem.to_string_lossy());
@@ -45,15 +42,15 @@ pub(crate) fn compare(scene: &Scene, choice: &Choice, json: bool) -> Result<()> 
 
 /// Returns the text of a page before the table of a scene, its line end, and the text behind the table.
 fn text_around(path: &Path, name: &str) -> Result<[String; 3]> {
-    let read = |source| Error::Read {
-        path: path.to_owned(),
-        source,
-    };
-    let text = std::fs::read_to_string(path).map_err(read)?;
     let refused = |rule| key(format!("--page {}", path.display()), rule);
     // A page that cannot be written is refused before the work, too.
-    let options = std::fs::OpenOptions::new().append(true).open(path);
-    options.map_err(|e| refused(format!("cannot be written ({e}); check permissions")))?;
+    let page = std::fs::OpenOptions::new().read(true).append(true).open(path);
+    let text = page.and_then(std::io::read_to_string);
+    let text = text.map_err(|e| {
+        refused(format!(
+            "cannot be read and written ({e}); check path and permissions"
+        ))
+    })?;
     let end = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let (begin, stop) = (format!("<!-- table {name} -->"), "<!-- end -->");
     let parts = text.split_once(&begin).and_then(|(before, after)| {

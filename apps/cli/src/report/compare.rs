@@ -32,8 +32,9 @@ fn word(x: Option<f64>) -> String {
 
 /// Returns the table as Markdown in columns of one width.
 pub(crate) fn table(b: &Board) -> String {
-    let packet = b.packet.map(|l| format!(", packet of {l:.1} h"));
-    let packet = packet.unwrap_or_default();
+    let packet = b
+        .packet
+        .map_or_else(String::new, |l| format!(", packet of {l:.1} h"));
     let mut out = format!(
         "Pulse of half width {:.1} h{packet}, h the coarse spacing\n\n",
         b.pulse
@@ -42,12 +43,8 @@ pub(crate) fn table(b: &Board) -> String {
         let cells: String = cells.iter().map(|c| format!(" {c:>13} |")).collect();
         out += &format!("| {first:<25} |{cells}\n");
     };
-    let heads = b
-        .rows
-        .first()
-        .map(|r| figures(r).map(|(head, _)| head.to_owned()));
-    if let Some(heads) = heads {
-        line("method", &heads);
+    if let Some(heads) = b.rows.first().map(figures) {
+        line("method", &heads.map(|(head, _)| head.to_owned()));
         line(&"-".repeat(25), &heads.map(|_| "-".repeat(12) + ":"));
     }
     for r in &b.rows {

@@ -64,10 +64,8 @@ pub(super) type Pair = [Weights<f64>; 2];
 type Weighted<'a> = Option<[&'a dyn Weight<f64>; 2]>;
 
 impl Case {
-    /// Builds the models of a scene with a single interface between two planes.
-    ///
-    /// # Errors
-    /// Mistakes in the scene, and scenes in which the comparison has no meaning, by their keys.
+    /// Builds the models of a scene with a single interface between two planes; refuses scenes in which the
+    /// comparison has no meaning by their keys.
     pub(super) fn new(
         scene: &LoweredScene,
         folder: &Path,
@@ -109,16 +107,14 @@ impl Case {
         }
         let material = bodies[FINE].material.as_ref();
         let no_material = || key(format!("model.{}", table.fine), "has no material to compare");
+        let part = |body| Part::new(body, frame);
         Ok(Self {
             speed: material.ok_or_else(no_material)?.bar_speed(),
             width: (fine - coarse).norm(),
             spacing: [COARSE, FINE].map(|k| bodies[k].spacing),
             weights: with_complement(interface.weights.clone()),
             nodal: with_complement(nodal.weights),
-            parts: bodies
-                .into_iter()
-                .map(|b| Part::new(b, frame))
-                .collect::<Result<_>>()?,
+            parts: bodies.into_iter().map(part).collect::<Result<_>>()?,
             frame,
             name,
             interface,
@@ -156,11 +152,6 @@ impl Case {
             (COARSE, Some([&*coarse.internal, &*coarse.kinetic])),
             (FINE, Some([&*fine.internal, &*fine.kinetic])),
         ])
-    }
-
-    /// Fine model in the place of both.
-    pub(super) fn fine_everywhere(&mut self) -> Result<System> {
-        self.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])
     }
 
     /// Fine model in the place of both after a mesh without a law of its own.
@@ -214,11 +205,6 @@ impl Case {
         Ok(hstack(&[coarse.view(), fine.map(|x| -x).view(), rotations.view()]).to_csr())
     }
 
-    /// Number of displacement components.
-    pub(super) fn components(&self) -> usize {
-        self.parts[COARSE].body.model.layout().components
-    }
-
     /// Returns `N` of displacements `q_i = Σ N_ij q_j` that follow the field of another model: those of
     /// nodes in a range of distances that `choose` takes, by their first unknown. Nodes outside of the
     /// field are left out. Unknowns of the coarse model come first, and those of a mesh that the fine model
@@ -235,7 +221,8 @@ impl Case {
         } else {
             [0, sizes[0]]
         };
-        let (d, rounded, part) = (self.components(), 1e-9 * self.width, &self.parts[points]);
+        let (rounded, part) = (1e-9 * self.width, &self.parts[points]);
+        let d = part.body.model.layout().components;
         let is_within = |x: f64| x >= range[0] - rounded && x <= range[1] + rounded;
         let mut out = TriMat::new((sizes[0] + sizes[1], sizes[0] + sizes[1]));
         for (k, x) in part.body.model.nodes().iter().enumerate() {
@@ -256,10 +243,8 @@ impl Case {
         value(format!("interface.{}.method", self.name), method.name(), rule)
     }
 
-    /// Lengths of the models' own regions \[m\], the coarse one first.
-    ///
-    /// # Errors
-    /// A region without room for a pulse that the coarse model carries.
+    /// Lengths of the models' own regions \[m\], the coarse one first, if a pulse that the coarse model carries
+    /// has room in both.
     pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
         let x = |k: usize| self.parts[k].places.iter().map(|p| p.x);
         let lengths = [
@@ -350,10 +335,7 @@ fn everywhere(
     single(setup::parts(&whole, folder, announce)?.0)
 }
 
-/// Stiffness of a model with its present weights.
-///
-/// # Errors
-/// A model without a stiffness matrix.
+/// Stiffness of a model with its present weights, if it is linear.
 fn stiffness(body: &Body) -> Result<CsMat<f64>> {
     let linear = body.model.views().linear.map(|l| l.stiffness().to_csr());
     linear.ok_or_else(|| {

@@ -37,9 +37,6 @@ pub(super) struct Waves {
 
 impl Waves {
     /// Chooses waves for a case; `default` is the method whose steps decide the length of the random run.
-    ///
-    /// # Errors
-    /// Models that are too short for a pulse.
     pub(super) fn new(case: &Case, default: &dyn Coupling) -> Result<Self> {
         let [coarse, fine] = case.own_lengths()?;
         let ([h, d], width, speed) = (case.spacing, case.width, case.speed);
@@ -121,7 +118,7 @@ impl Wave {
 
 /// Starts a wave and lets it run; returns the energy \[J\] at the begin, and at the end beyond the overlap
 /// and in all.
-pub(super) fn run(method: &mut dyn Coupling, wave: &Wave) -> [f64; 3] {
+fn run(method: &mut dyn Coupling, wave: &Wave) -> [f64; 3] {
     start(method, wave);
     let before = method.whole_energy();
     advance(method, wave.time);
@@ -165,8 +162,7 @@ fn layers(system: &System, q: &[f64], thickness: f64) -> Vec<[f64; 2]> {
         sum[1] += m * x;
         sum[2] += m * q[i] / axial;
     }
-    let means = sums.into_values().map(|[m, x, u]| [x / m, u / m]);
-    means.collect()
+    sums.into_values().map(|[m, x, u]| [x / m, u / m]).collect()
 }
 
 /// Linear interpolation between layers.
@@ -260,10 +256,10 @@ fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
     let system = &method.state().whole;
     let layer = 0.6 * waves.spacing[1];
     let x = system.places.iter().map(|p| p.x);
-    let [low, high] = [
+    let (low, high) = (
         x.clone().fold(0.0, f64::min) + layer,
         x.fold(0.0, f64::max) - layer,
-    ];
+    );
     let at_end = |p: &Place| p.axial != 0.0 && (p.x <= low || p.x >= high);
     let held: Vec<bool> = system.places.iter().map(at_end).collect();
     let q: Vec<f64> = system.places.iter().map(|p| p.x * p.axial).collect();
@@ -276,9 +272,10 @@ fn patch(method: &dyn Coupling, waves: &Waves) -> Result<Option<f64>> {
 fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
     let layers = layers(system, q, waves.spacing[1]);
     let (margin, width) = (waves.spacing[0], waves.width);
-    let line = |keep: &dyn Fn(f64) -> bool| fit(layers.iter().filter(|l| keep(l[0])));
-    let low = line(&|x| x < -margin);
-    let high = line(&|x| x > width + margin);
+    let (low, high) = (
+        fit(&layers, |x| x < -margin),
+        fit(&layers, |x| x > width + margin),
+    );
     let inside = layers.iter().filter(|l| l[0] >= 0.0 && l[0] <= width);
     let off = |[x, u]: &[f64; 2]| {
         let ends = [low[0] + low[1] * x, high[0] + high[1] * x];
@@ -288,18 +285,15 @@ fn deviation(system: &System, q: &[f64], waves: &Waves) -> f64 {
     inside.map(off).fold(0.0, f64::max) / width
 }
 
-/// Line of least squares: value at zero and slope.
-fn fit<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
-    let points: Vec<_> = points.collect();
+/// Line of least squares through some layers: value at zero and slope.
+fn fit(layers: &[[f64; 2]], keep: impl Fn(f64) -> bool) -> [f64; 2] {
+    let points: Vec<_> = layers.iter().filter(|l| keep(l[0])).collect();
+    let sum = |f: &dyn Fn(&[f64; 2]) -> f64| points.iter().map(|p| f(p)).sum::<f64>();
     let n = points.len().max(1) as f64;
-    let mean = |k: usize| points.iter().map(|p| p[k]).sum::<f64>() / n;
-    let (x, u) = (mean(0), mean(1));
-    let (mut a, mut b) = (0.0, f64::MIN_POSITIVE);
-    for p in points {
-        a += (p[0] - x) * (p[1] - u);
-        b += (p[0] - x).powi(2);
-    }
-    [u - a / b * x, a / b]
+    let (x, u) = (sum(&|p| p[0]) / n, sum(&|p| p[1]) / n);
+    let square = sum(&|p| (p[0] - x).powi(2)).max(f64::MIN_POSITIVE);
+    let slope = sum(&|p| (p[0] - x) * (p[1] - u)) / square;
+    [u - slope * x, slope]
 }
 
 /// Numbers from −1 to 1 that look random: the xorshift generator.

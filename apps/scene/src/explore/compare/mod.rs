@@ -15,7 +15,8 @@ mod union;
 use crate::error::Result;
 use crate::scene::Scene;
 use crate::spec::Method;
-use case::Case;
+use arlequin::core::Uniform;
+use case::{Case, FINE_EVERYWHERE};
 use measure::Waves;
 use reflections::Reflections;
 use serde::Serialize;
@@ -87,7 +88,7 @@ pub fn compare(
     let mut case = Case::new(scene.spec(), scene.folder(), announce)?;
     let default = method::couple(&mut case, Method::Arlequin, penalty)?;
     announce("fine everywhere", 0, 0);
-    let mut reference = Reflections::free(case.fine_everywhere()?)?;
+    let mut reference = Reflections::free(case.assemble(&[(FINE_EVERYWHERE, Some([&Uniform(1.0); 2]))])?)?;
     let waves = Waves::new(&case, &*default)?;
     let (last, profile) = measure::row("fine everywhere", (0.0, &mut reference), &waves, None)?;
     let (mut rows, mut refused) = (Vec::new(), Vec::new());

@@ -1,7 +1,7 @@
 //! The stepping of most methods: own steps of each model between reflections at the constraint.
 
 use super::method::{Coupling, State};
-use super::sparse::{add, lift, product, transposed};
+use super::sparse::{add, constraint, product, transposed};
 use super::system::{Motion, System};
 use super::tie::Tie;
 use crate::error::Result;
@@ -88,9 +88,9 @@ impl Reflections {
         Ok(Self::new(system, tie, pace))
     }
 
-    /// Makes the stepping of `Tᵀ K T` with masses `Tᵀ m`: some unknowns follow others.
+    /// Makes the stepping of `Tᵀ K T` with masses `Tᵀ m`, `q = T p`: some unknowns follow others.
     pub(super) fn following(whole: System, followers: &CsMat<f64>) -> Result<Self> {
-        let lift = lift(followers);
+        let lift: CsMat<f64> = &constraint(followers) + &CsMat::<f64>::eye(whole.size());
         let back = transposed(&lift);
         let stiffness = &(&back * &whole.stiffness) * &lift;
         let mass = product(&back, &whole.mass);
@@ -123,13 +123,8 @@ impl Reflections {
 impl Coupling for Reflections {
     fn reset(&mut self, q: &[f64], v: &[f64]) {
         let inverse = &self.system.inverse;
-        let weighted = |x: &[f64]| {
-            x.iter()
-                .zip(inverse)
-                .map(|(x, w)| if *w > 0.0 { *x } else { 0.0 })
-                .collect()
-        };
-        let [mut q, v]: [Vec<f64>; 2] = [q, v].map(weighted);
+        let weighted = |(x, w): (&f64, &f64)| if *w > 0.0 { *x } else { 0.0 };
+        let [mut q, v]: [Vec<f64>; 2] = [q, v].map(|x| x.iter().zip(inverse).map(weighted).collect());
         self.tie.project(&mut q, inverse);
         self.state.now = Motion::new(q, v);
         self.reflect();

@@ -1,19 +1,21 @@
 //! Products with sparse matrices stored by rows, and unknowns that follow others by shape functions.
 
 use arlequin::core::sprs::{CsMat, TriMat};
+use std::ops::Range;
 
-/// Returns `Σ A_ij x_j`.
+/// Returns `Σ A_ij x_j` of the rows of a range.
 #[inline]
-pub(super) fn row_product(a: &CsMat<f64>, i: usize, x: impl Fn(usize) -> f64) -> f64 {
-    let start = a.indptr();
-    let row = start.raw_storage()[i]..start.raw_storage()[i + 1];
-    let entries = a.indices()[row.clone()].iter().zip(&a.data()[row]);
-    entries.fold(0.0, |sum, (j, v)| sum + v * x(*j))
+pub(super) fn products(a: &CsMat<f64>, x: &[f64], rows: Range<usize>) -> impl Iterator<Item = f64> {
+    let (ends, columns, values) = (a.indptr().into_raw_storage(), a.indices(), a.data());
+    ends[rows.start..=rows.end].windows(2).map(move |row| {
+        let entries = columns[row[0]..row[1]].iter().zip(&values[row[0]..row[1]]);
+        entries.fold(0.0, |sum, (j, v)| sum + v * x[*j])
+    })
 }
 
 /// Returns `A x`.
 pub(super) fn product(a: &CsMat<f64>, x: &[f64]) -> Vec<f64> {
-    (0..a.rows()).map(|i| row_product(a, i, |j| x[j])).collect()
+    products(a, x, 0..a.rows()).collect()
 }
 
 /// Returns `x · y`.
@@ -53,9 +55,4 @@ pub(super) fn follows(n: &CsMat<f64>, i: usize) -> bool {
 /// Returns the rows `Σ N_ij q_j − q_i` of the unknowns that follow; empty rows of others.
 pub(super) fn constraint(n: &CsMat<f64>) -> CsMat<f64> {
     n + &diagonal((0..n.rows()).map(|i| -f64::from(u8::from(follows(n, i)))))
-}
-
-/// Returns `T` of `q = T p`, whose columns of unknowns that follow are empty.
-pub(super) fn lift(n: &CsMat<f64>) -> CsMat<f64> {
-    n + &diagonal((0..n.rows()).map(|i| f64::from(u8::from(!follows(n, i)))))
 }

@@ -1,6 +1,6 @@
 //! Linear unknowns of one or two weighted models along an axis, and their equilibrium.
 
-use super::sparse::{add, dot, product, row_product};
+use super::sparse::{add, dot, product, products};
 use super::tie::Tie;
 use crate::error::{Result, core, key};
 use arlequin::core::spectrum::critical_step;
@@ -39,12 +39,12 @@ impl Motion {
     /// First part of a step of velocity Verlet: `v ← v + ½Δt a`, `q ← q + Δt v`.
     pub(super) fn drift(&mut self, range: Range<usize>, dt: f64) {
         self.kick(range.clone(), dt);
-        range.for_each(|i| self.q[i] += dt * self.v[i]);
+        add(&mut self.q[range.clone()], dt, &self.v[range]);
     }
 
     /// Second part, with the new accelerations: `v ← v + ½Δt a`.
     pub(super) fn kick(&mut self, range: Range<usize>, dt: f64) {
-        range.for_each(|i| self.v[i] += 0.5 * dt * self.a[i]);
+        add(&mut self.v[range.clone()], 0.5 * dt, &self.a[range]);
     }
 
     /// Subtracts a share of an acceleration, and its half step from the velocities.
@@ -131,9 +131,9 @@ impl System {
     }
 
     /// Computes the accelerations `−W K q` of a range of unknowns.
-    pub(super) fn accelerate(&self, m: &mut Motion, range: Range<usize>) {
-        let force = |i: usize| -row_product(&self.stiffness, i, |j| m.q[j]);
-        range.for_each(|i| m.a[i] = force(i) * self.inverse[i]);
+    pub(super) fn accelerate(&self, Motion { q, a, .. }: &mut Motion, range: Range<usize>) {
+        let pulls = products(&self.stiffness, q, range.clone()).zip(&self.inverse[range.clone()]);
+        a[range].iter_mut().zip(pulls).for_each(|(a, (f, w))| *a = -f * w);
     }
 
     /// Makes a step of velocity Verlet for a range of unknowns.

@@ -25,21 +25,12 @@ pub(super) struct Tie {
 impl Tie {
     /// Multipliers that meet the constraint: `R = S⁺` with `S = G W Gᵀ`.
     pub(super) fn exact(rows: CsMat<f64>, inverse: &[f64]) -> Result<Self> {
-        Self::by(rows, inverse, &pseudo_inverse)
-    }
-
-    /// Multipliers by a function of the blocks of `S`.
-    pub(super) fn by(
-        rows: CsMat<f64>,
-        inverse: &[f64],
-        function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>,
-    ) -> Result<Self> {
         let operator = congruence(&transposed(&rows), inverse);
-        Self::responding(rows, &operator, function)
+        Self::by(rows, &operator, &pseudo_inverse)
     }
 
-    /// Multipliers by a function of the blocks of a symmetric operator in place of `S`.
-    pub(super) fn responding(
+    /// Multipliers by a function of the blocks of `S`, or of a symmetric operator in its place.
+    pub(super) fn by(
         rows: CsMat<f64>,
         operator: &CsMat<f64>,
         function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>,
@@ -108,7 +99,7 @@ impl Tie {
     }
 }
 
-/// Groups of rows that share no entry with each other.
+/// Groups of rows that share no entry with each other; rows of zeros are in none.
 fn blocks(a: &CsMat<f64>) -> Vec<Vec<usize>> {
     // Products of unlike components leave zeros.
     let entries = a.iter().filter(|(v, _)| **v != 0.0);
@@ -116,7 +107,7 @@ fn blocks(a: &CsMat<f64>) -> Vec<Vec<usize>> {
     let mut out = vec![Vec::new(); a.rows()];
     let lowest = lowest_connected(a.rows(), pairs).into_iter().enumerate();
     lowest.for_each(|(i, first)| out[first as usize].push(i));
-    out.retain(|members| !members.is_empty());
+    out.retain(|members| members.iter().any(|i| a.get(*i, *i).is_some_and(|s| *s != 0.0)));
     out
 }
 

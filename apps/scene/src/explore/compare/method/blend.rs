@@ -7,8 +7,7 @@ use arlequin::core::Weights;
 
 /// Weights both energies; the particles of the overlap follow the coarse model.
 pub(super) fn blend(case: &mut Case) -> Result<Reflections> {
-    let weights = case.weights.clone();
-    let system = case.system(&weights)?;
+    let system = case.system(&case.weights.clone())?;
     let followers = case.followers([COARSE, FINE], [f64::NEG_INFINITY, case.width], &|_| true);
     Reflections::following(system, &followers)
 }

@@ -47,7 +47,7 @@ impl Bridging {
     pub(super) fn new(case: &mut Case) -> Result<Self> {
         let rule = "needs the memory of the particles that are left out, which is known for a chain of equal neighbours only";
         let refusal = |case: &Case, rule| Err(case.refusal(Method::BridgingScale, rule));
-        if case.components() != 1 {
+        if case.parts.len() <= COARSE_EVERYWHERE {
             return refusal(case, rule);
         }
         let whole = case.slaved(COARSE_EVERYWHERE, &Uniform(1.0))?;
@@ -128,13 +128,10 @@ impl Coupling for Bridging {
 
     fn advance(&mut self) {
         let ([nodes, _], zone, dt) = (self.state.whole.sides(), self.zone.clone(), self.state.pace.step);
-        for range in [&zone, &nodes] {
-            self.state.now.drift(range.clone(), dt);
-        }
+        let ranges = [zone, nodes];
+        ranges.iter().for_each(|r| self.state.now.drift(r.clone(), dt));
         self.accelerate();
-        for range in [zone, nodes] {
-            self.state.now.kick(range, dt);
-        }
+        ranges.iter().for_each(|r| self.state.now.kick(r.clone(), dt));
         self.follow();
     }
 
@@ -157,8 +154,10 @@ fn end_of_zone(case: &Case, whole: &System) -> Option<([usize; 2], usize)> {
     let off = |k: &usize| (x(*k) - 0.5 * case.width).abs();
     let node = nodes.min_by(|a, b| off(a).total_cmp(&off(b)))?;
     let on_node = |i: &usize| (x(*i) - x(node)).abs() <= 1e-6 * case.spacing[FINE];
-    let mut found = particles.clone().filter(on_node);
-    let last = found.next().filter(|_| off(&node) < 0.5 * case.width)?;
+    let last = particles
+        .clone()
+        .find(on_node)
+        .filter(|_| off(&node) < 0.5 * case.width)?;
     let neighbours = [last - 1, last + 1].into_iter().filter(|i| particles.contains(i));
     let neighbour = neighbours.min_by(|a, b| x(*a).total_cmp(&x(*b)))?;
     Some(([last, neighbour], node))

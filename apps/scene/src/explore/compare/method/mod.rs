@@ -10,7 +10,7 @@ mod schwarz;
 
 use super::case::{COARSE, COARSE_EVERYWHERE, Case, FINE, FINE_EVERYWHERE, with_complement};
 use super::reflections::{MOST_OWN, Pace, Reflections};
-use super::sparse::{add, congruence, constraint, diagonal, dot, follows, product, row_product, transposed};
+use super::sparse::{add, congruence, constraint, diagonal, dot, follows, product, transposed};
 use super::system::{Motion, System};
 use super::tie::{Tie, of_eigenvalues, pseudo_inverse};
 use crate::error::{Result, core, key};
@@ -61,21 +61,15 @@ pub(super) trait Coupling {
     fn work(&self) -> f64;
 
     /// Equilibrium with some unknowns of `q` held; `None` if the forces of the method derive from no energy.
-    ///
-    /// # Errors
-    /// An iteration that does not end.
     fn equilibrium(&self, _q: &[f64], _held: &[bool]) -> Result<Option<Vec<f64>>> {
         Ok(None)
     }
 }
 
-/// Couples the models of a case.
-///
-/// # Errors
-/// A method that has no meaning in the scene, by name.
+/// Couples the models of a case; refuses a method that has no meaning in the scene by its name.
 pub(super) fn couple(case: &mut Case, method: Method, penalty: f64) -> Result<Box<dyn Coupling>> {
     Ok(match method {
-        Method::Arlequin => Box::new(multipliers::arlequin(case)?),
+        Method::Arlequin => Box::new(multipliers::energy(case, &pseudo_inverse)?),
         Method::Nodal => Box::new(multipliers::nodal(case)?),
         Method::Lumped => Box::new(multipliers::lumped(case)?),
         Method::LumpedVelocities => Box::new(Reflections {

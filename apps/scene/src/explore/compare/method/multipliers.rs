@@ -1,7 +1,7 @@
 //! The method of this program, with its weights at nodes, and with multipliers that miss the constraint.
 
 use super::{
-    Case, MOST_OWN, Pace, Reflections, Result, System, Tie, diagonal, of_eigenvalues, pseudo_inverse,
+    Case, MOST_OWN, Pace, Reflections, Result, System, Tie, congruence, diagonal, of_eigenvalues, transposed,
 };
 use arlequin::core::Weights;
 use arlequin::core::nalgebra::DMatrix;
@@ -11,18 +11,18 @@ const PENALTY: f64 = 10.0;
 /// Iterations of augmented multipliers per step.
 const ITERATIONS: i32 = 2;
 
-/// Energies weighted by elements and bonds; multipliers by a function of the operator `S`.
-fn energy(case: &mut Case, function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>) -> Result<Reflections> {
-    let weights = case.weights.clone();
-    let system = case.system(&weights)?;
-    let tie = Tie::by(case.coupling(&system)?, &system.inverse, function)?;
+/// Energies weighted by elements and bonds; multipliers by a function of the operator `S`, which its inverse
+/// lets meet the constraint.
+pub(super) fn energy(
+    case: &mut Case,
+    function: &dyn Fn(DMatrix<f64>) -> DMatrix<f64>,
+) -> Result<Reflections> {
+    let system = case.system(&case.weights.clone())?;
+    let rows = case.coupling(&system)?;
+    let operator = congruence(&transposed(&rows), &system.inverse);
+    let tie = Tie::by(rows, &operator, function)?;
     let pace = Pace::split(&system, MOST_OWN)?;
     Ok(Reflections::new(system, tie, pace))
-}
-
-/// Multipliers that meet the constraint.
-pub(super) fn arlequin(case: &mut Case) -> Result<Reflections> {
-    energy(case, &pseudo_inverse)
 }
 
 /// Multipliers by the row sums of the operator.

@@ -30,8 +30,7 @@ pub(super) struct Multistep {
 impl Multistep {
     /// Couples by the first scheme, or by the second with multipliers that are `ramped`.
     pub(super) fn new(case: &mut Case, ramped: bool) -> Result<Self> {
-        let weights = case.weights.clone();
-        let system = case.system(&weights)?;
+        let system = case.system(&case.weights.clone())?;
         let pace = Pace::split(&system, OWN)?;
         let start = Tie::exact(case.coupling(&system)?, &system.inverse)?;
         let mut out = Self {
@@ -67,7 +66,7 @@ impl Multistep {
             let entries = answer.filter(|(_, x)| *x != 0.0);
             entries.for_each(|(i, x)| operator.add_triplet(i, j, -x));
         }
-        Tie::responding(rows.clone(), &operator.to_csr(), &pseudo_inverse)
+        Tie::by(rows.clone(), &operator.to_csr(), &pseudo_inverse)
     }
 
     /// Own steps of the fine model under multipliers that are linear in time, given at the begin and at the
@@ -80,41 +79,6 @@ impl Multistep {
             m.brake(fine.clone(), end, s, dt);
             m.brake(fine.clone(), begin, 1.0 - s, dt);
         }
-    }
-
-    /// Makes a step of the first scheme.
-    fn advance_equal(&mut self) {
-        let ([coarse, fine], Pace { step, own, .. }) = (self.state.whole.sides(), self.state.pace);
-        let (now, dt) = (&mut self.state.now, self.state.pace.own_step());
-        let before = std::mem::take(&mut self.free);
-        self.state.whole.step(now, coarse.clone(), step);
-        self.free = now.v[coarse.clone()].to_vec();
-        for j in 1..=own {
-            self.state.whole.step(now, fine.clone(), dt);
-            let s = j as f64 / own as f64;
-            for i in coarse.clone() {
-                now.v[i] = (1.0 - s) * before[i] + s * self.free[i];
-            }
-            self.push = self.tie.kick(&now.v, &self.state.whole.inverse);
-            now.brake(fine.clone(), &self.push, 1.0, dt);
-        }
-        now.brake(coarse, &self.push, 1.0, step);
-    }
-
-    /// Makes a step of the second scheme.
-    fn advance_ramped(&mut self) {
-        let ([coarse, _], step, mut now) = (
-            self.state.whole.sides(),
-            self.state.pace.step,
-            self.state.now.clone(),
-        );
-        self.state.whole.step(&mut now, coarse.clone(), step);
-        let mut free = now.clone();
-        self.ramp(&mut free, [&self.push, &vec![0.0; now.v.len()]]);
-        let end = self.tie.kick(&free.v, &self.state.whole.inverse);
-        self.ramp(&mut now, [&self.push, &end]);
-        now.brake(coarse, &end, 1.0, step);
-        (self.state.now, self.push) = (now, end);
     }
 }
 
@@ -133,11 +97,29 @@ impl Coupling for Multistep {
     }
 
     fn advance(&mut self) {
+        let ([coarse, fine], Pace { step, own, .. }) = (self.state.whole.sides(), self.state.pace);
+        let (mut now, dt) = (std::mem::take(&mut self.state.now), self.state.pace.own_step());
+        self.state.whole.step(&mut now, coarse.clone(), step);
         if self.ramped {
-            self.advance_ramped();
+            let mut free = now.clone();
+            self.ramp(&mut free, [&self.push, &vec![0.0; now.v.len()]]);
+            let end = self.tie.kick(&free.v, &self.state.whole.inverse);
+            self.ramp(&mut now, [&self.push, &end]);
+            self.push = end;
         } else {
-            self.advance_equal();
+            let after = now.v[coarse.clone()].to_vec();
+            for j in 1..=own {
+                let s = j as f64 / own as f64;
+                self.state.whole.step(&mut now, fine.clone(), dt);
+                let between = self.free.iter().zip(&after).map(|(a, b)| (1.0 - s) * a + s * b);
+                now.v.iter_mut().zip(between).for_each(|(v, x)| *v = x);
+                self.push = self.tie.kick(&now.v, &self.state.whole.inverse);
+                now.brake(fine.clone(), &self.push, 1.0, dt);
+            }
+            self.free = after;
         }
+        now.brake(coarse, &self.push, 1.0, step);
+        self.state.now = now;
     }
 
     fn state(&self) -> &State {

@@ -2,7 +2,7 @@
 
 use super::{
     COARSE, Case, FINE, Method, Pace, Reflections, Result, System, Tie, congruence, constraint, core,
-    follows, transposed, with_complement,
+    transposed, with_complement,
 };
 use arlequin::core::{Profile, Ramp, Slab, Weights};
 use std::sync::Arc;
@@ -43,19 +43,14 @@ pub(super) fn edge(case: &mut Case, strong: bool) -> Result<Reflections> {
 /// Springs `½ κ_i |N(x_i) u − d_i|²` in the whole overlap, with `κ_i` a multiple of the particle's own
 /// stiffness and of the smaller weight, so that the springs vanish with the model that they act on.
 pub(super) fn penalty(case: &mut Case, factor: f64) -> Result<Reflections> {
-    let weights = case.weights.clone();
-    let system = case.system(&weights)?;
-    let [alpha, beta] = [COARSE, FINE].map(|k| &*weights[k].internal);
+    let system = case.system(&case.weights.clone())?;
+    let [alpha, beta] = [COARSE, FINE].map(|k| &*case.weights[k].internal);
     let (own, others) = (case.nodal_values([alpha, beta]), case.nodal_values([beta, alpha]));
     let shapes = case.followers([COARSE, FINE], [0.0, case.width], &|_| true);
     let spring = |i: usize| {
         // The weighted stiffness times the smaller weight over its own.
         let share = (others[i] / own[i].max(f64::MIN_POSITIVE)).min(1.0);
-        if follows(&shapes, i) {
-            factor * system.own_stiffness(i) * share
-        } else {
-            0.0
-        }
+        factor * system.own_stiffness(i) * share
     };
     let springs: Vec<f64> = (0..system.size()).map(spring).collect();
     let stiffness = &system.stiffness + &congruence(&constraint(&shapes), &springs);

@@ -4,7 +4,7 @@
 
 use super::{
     COARSE, Case, Coupling, FINE, MOST_OWN, Method, Motion, Pace, Result, State, System, follows, key,
-    product, row_product,
+    product,
 };
 use arlequin::core::Weights;
 use arlequin::core::sprs::CsMat;
@@ -33,8 +33,7 @@ pub(super) struct Schwarz {
 impl Schwarz {
     /// Couples by alternation.
     pub(super) fn new(case: &mut Case) -> Result<Self> {
-        let weights = case.weights.clone();
-        let shared = case.system(&weights)?;
+        let shared = case.system(&case.weights.clone())?;
         let system = case.system(&[Weights::uncoupled(), Weights::uncoupled()])?;
         let pace = Pace::split(&system, MOST_OWN)?;
         Ok(Self {
@@ -48,8 +47,12 @@ impl Schwarz {
     /// Sets the unknowns at the border of one model by the motions of the other at the begin and the end of
     /// the step, after a share `s` of it.
     fn prescribe(&self, m: &mut Motion, range: Range<usize>, [begin, end]: [&Motion; 2], s: f64) {
-        for i in range.filter(|i| follows(&self.border, *i)) {
-            let mean = |x: &[f64], y: &[f64]| row_product(&self.border, i, |j| (1.0 - s) * x[j] + s * y[j]);
+        let rows = self.border.outer_iterator().enumerate();
+        for (i, row) in rows.filter(|(i, row)| range.contains(i) && row.nnz() > 0) {
+            let mean = |x: &[f64], y: &[f64]| {
+                row.iter()
+                    .fold(0.0, |sum, (j, n)| sum + n * ((1.0 - s) * x[j] + s * y[j]))
+            };
             m.q[i] = mean(&begin.q, &end.q);
             m.v[i] = mean(&begin.v, &end.v);
             m.a[i] = mean(&begin.a, &end.a);
@@ -78,18 +81,15 @@ fn border(case: &Case, system: &System) -> Result<CsMat<f64>> {
     let first = x(&fine).fold(f64::INFINITY, f64::min) + half;
     let into_fine = case.followers([FINE, COARSE], [last, f64::INFINITY], &|_| true);
     let into_coarse = case.followers([COARSE, FINE], [f64::NEG_INFINITY, first], &|_| true);
-    if coarse
-        .clone()
-        .any(|i| system.places[i].x >= last && !follows(&into_fine, i))
-    {
-        let rule = "needs the displacement of the fine model at the border nodes of the coarse mesh, some of which are outside of \
-                    it; take a fine model of finite elements";
+    let out = &into_fine + &into_coarse;
+    let upper = coarse.filter(|i| system.places[*i].x >= last);
+    let lower = fine.filter(|i| system.places[*i].x <= first);
+    if upper.chain(lower).any(|i| !follows(&out, i)) {
+        let rule = "needs the displacement of the other model at the nodes of a border, some of which are outside of it; take \
+                    two models of finite elements";
         return Err(case.refusal(Method::Schwarz, rule));
     }
-    if into_coarse.nnz() == 0 {
-        return Err(case.refusal(Method::Schwarz, "finds no nodes at a border; widen the overlap"));
-    }
-    Ok(&into_fine + &into_coarse)
+    Ok(out)
 }
 
 impl Coupling for Schwarz {
