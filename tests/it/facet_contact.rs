@@ -430,14 +430,24 @@ fn pairs_are_refused_by_name() {
     );
     // One block begins within the other, so deep that no facet sees it, or partly.
     let (within, partly) = (Vector3::repeat(2.6) * H, Vector3::new(0.5, 0.5, 1.2) * H);
-    for (kind, big, low, rule) in [
-        ("hex", 6, within, "must not lie in each other"),
-        ("dem", 6, within, "must not lie in each other"),
-        ("hex", 2, partly, "must overlap by"),
-        ("dem", 2, partly, "must not lie in each other"),
+    for (kind, big, low, rule, shift) in [
+        ("hex", 6, within, "must not lie in each other", 0.0),
+        ("dem", 6, within, "must not lie in each other", 0.0),
+        ("hex", 2, partly, "must overlap by", 0.0),
+        ("dem", 2, partly, "must not lie in each other", 0.0),
+        // Displaced into the other before the first step.
+        ("hex", 6, within, "must not lie in each other", 20.0 * H),
+        ("dem", 6, within, "must not lie in each other", 20.0 * H),
     ] {
         let a = block("hex", "below", z, [big; 3], H, z);
-        let inside = block(kind, "above", low, [2; 3], 0.4 * H, z);
+        let mut inside = block(kind, "above", low + Vector3::x() * shift, [2; 3], 0.4 * H, z);
+        let (nodes, dofs) = (
+            inside.side.model().nodes().len(),
+            inside.side.model().layout().dofs(),
+        );
+        let mut q = vec![0.0; dofs];
+        q[..3 * nodes].chunks_mut(3).for_each(|q| q[0] = -shift);
+        inside.side = inside.side.with_initial(q, vec![0.0; dofs]).unwrap();
         let contact = SurfaceContact::new(&a.exterior, &inside.exterior, law).unwrap();
         let parts = Parts {
             start: 0.0,
@@ -474,4 +484,24 @@ fn bodies_that_would_pass_through_end_the_run() {
         );
         assert!(depth(&run) < H, "{below}, {above}");
     }
+}
+
+/// Thin plates that fly together fast are no danger to each other; one that flies at a held one is refused.
+#[test]
+fn speed_counts_between_bodies_only() {
+    let plates = |speeds: [f64; 2]| {
+        let z = Vector3::zeros();
+        let low = Vector3::new(0.0, 0.0, 1.1 * H);
+        let [a, b] =
+            [("below", z), ("above", low)].map(|(name, low)| block("hex", name, low, [2, 2, 1], H, z));
+        let [a, b] = [(a, speeds[0]), (b, speeds[1])].map(|(s, v)| s.moving(Vector3::z() * v));
+        let mut run = touching(a, b, ContactLaw::elastic(E), 0.9);
+        run.run(20, &mut Silent).map_err(|e| e.to_string())
+    };
+    assert!(plates([-9000.0, -9001.0]).is_ok());
+    let error = plates([0.0, -9000.0]).unwrap_err();
+    assert!(
+        error.contains("way of the models of 'contact below-above'") && error.contains("must stay below"),
+        "{error}"
+    );
 }

@@ -23,7 +23,7 @@ use super::exterior::{Exterior, Side};
 use super::facet::{Facet, Foot};
 use super::forces::Push;
 use super::place::Place;
-use super::points::{DEEPEST, Deepest, SurfacePoint};
+use super::points::{DEEPEST, Deepest};
 use super::search::Near;
 use super::{ContactLaw, End, Pair, Solid, Twist};
 use crate::effect::{AnyEffect, HostPair, Instant, PairEffect, PairEffectSpec, StepDemand};
@@ -51,6 +51,8 @@ struct Contacts {
     thinnest: f64,
     demand: StepDemand<f64>,
     checked: bool,
+    /// True if an interface ties the two models.
+    is_tied: bool,
     most: usize,
 }
 
@@ -85,6 +87,7 @@ impl SurfaceContact {
             thinnest: f64::INFINITY,
             demand: StepDemand::none(),
             checked: false,
+            is_tied: false,
             most: 0,
             name,
         }))
@@ -156,23 +159,26 @@ impl Contacts {
         })
     }
 
-    /// Returns an error if points lie inside the other model at rest, too deep for its facets to see them.
-    fn check_enclosed(&self) -> Result<()> {
+    /// Returns an error if points lie inside the other model, too deep for its facets to see them. Bodies
+    /// that an interface ties overlap by intention.
+    fn check_enclosed(&self, q: [&[f64]; 2]) -> Result<()> {
+        if self.is_tied {
+            return Ok(());
+        }
         let mut deepest = Deepest::default();
-        for (side, other) in [(0, 1), (1, 0)].map(|(s, o)| (&self.sides[s], &self.sides[o])) {
-            let corners = |f: &Facet| {
-                f.triangle
-                    .places(|n| other.rest[n as usize].coords)
-                    .map(Point3::from)
-            };
+        for (s, o) in [(0, 1), (1, 0)] {
+            let (side, other) = (&self.sides[s], &self.sides[o]);
+            let corners = |f: &Facet| f.triangle.places(|n| other.position(n, q[o])).map(Point3::from);
             // Facets of a zone are open where it lies in its body.
             let Ok(solid) = Solid::new(other.facets.iter().map(corners).collect()) else {
                 continue;
             };
             let [low, high] = solid.bounds();
-            let near = |p: &&SurfacePoint| (0..3).all(|c| low[c] < p.rest[c] && p.rest[c] < high[c]);
-            for p in side.points.iter().filter(near) {
-                deepest.add(-solid.distance(&p.rest).0, DEEPEST * p.size, || p.rest.coords);
+            for p in &side.points {
+                let x = Point3::from(p.position(q[s]));
+                if (0..3).all(|c| low[c] < x[c] && x[c] < high[c]) {
+                    deepest.add(-solid.distance(&x).0, DEEPEST * p.size, || x.coords);
+                }
             }
         }
         deepest.refuse(&format!("models of '{}'", self.name), "start", |_| {
@@ -335,9 +341,8 @@ impl PairEffectSpec<f64> for SurfaceContact {
         let undeformed = undeformed.each_ref().map(Vec::as_slice);
         contacts.find(undeformed);
         contacts.check_start(undeformed)?;
-        if !hosts.tied.iter().flatten().any(|tied| *tied) {
-            contacts.check_enclosed()?;
-        }
+        contacts.is_tied = hosts.tied.iter().flatten().any(|tied| *tied);
+        contacts.check_enclosed(undeformed)?;
         for (point, foot) in contacts.near.feet() {
             let allowed = &mut contacts.allowed[point as usize];
             *allowed = allowed.min(foot.distance);
@@ -425,6 +430,7 @@ impl PairEffect<f64> for Contacts {
         self.find(q);
         if !std::mem::replace(&mut self.checked, true) {
             self.check_start(q)?;
+            self.check_enclosed(q)?;
         }
         self.check_depth(q)?;
         self.respond(instants, &mut f);

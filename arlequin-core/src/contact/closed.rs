@@ -212,3 +212,47 @@ impl Closed {
         Some(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What contacts give too much is a debt: it outlives the contact and a restart, counts against what is
+    /// stored, and is repaid by others before they give anything back.
+    #[test]
+    fn others_repay_what_a_contact_has_given_too_much() {
+        let mut closed = Closed::new(ContactLaw::elastic(1e9), 2);
+        closed.law.begun = true;
+        let contact = |point: u32| Active {
+            point,
+            foot: Place::default(),
+            force: Vector3::x(),
+            torque: Vector3::zeros(),
+            stored: 0.75,
+            expected: 0.0,
+        };
+        closed.active = vec![contact(0), contact(1)];
+        for (spring, budget) in closed.springs.iter_mut().zip([0.25, 2.0]) {
+            *spring = Spring {
+                closed: true,
+                budget,
+                ..Spring::default()
+            };
+        }
+        // Half of 2.5 W in a step of one second: the first contact lacks 1 J.
+        closed.settle(1.0, |a| if a.point == 0 { 2.5 } else { 0.0 });
+        assert_eq!([closed.springs[0].budget, closed.debt], [0.0, 1.0]);
+        assert_eq!(closed.stored(), 0.5);
+        closed.open(0);
+        let mut record = Record::default();
+        closed.save(&mut record);
+        let mut closed = Closed::new(ContactLaw::elastic(1e9), 2);
+        closed.restore(&record.integers, &record.numbers, |_| 1).unwrap();
+        closed.repay(1);
+        assert_eq!([closed.springs[1].budget, closed.debt], [1.0, 0.0]);
+        // What a contact has left when it opens pays as well.
+        closed.debt = 1.5;
+        closed.open(1);
+        assert_eq!(closed.debt, 0.5);
+    }
+}

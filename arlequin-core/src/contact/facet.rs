@@ -103,7 +103,8 @@ fn thickness(faces: &Faces, x: &Vector3<f64>, normal: &Vector3<f64>, reach: f64)
         let inside = [[a, b], [b, c], [c, a]]
             .iter()
             .all(|[p, q]| (q - p).cross(&(hit - p)).dot(&n) >= 0.0);
-        if way > 0.0 && inside {
+        // The other lip of a crack is no other side.
+        if way > NEAR * reach && inside {
             nearest = nearest.min(way);
         }
     });
@@ -164,8 +165,8 @@ pub(super) struct Seeker {
     pub(super) at: Vector3<f64>,
     /// Outward normal of the surface to which the point belongs, of any length; `None` for spheres.
     pub(super) normal: Option<Vector3<f64>>,
-    /// Radius of a sphere \[m\]. Its centre may lie as deep, no deeper: all facets within the radius are
-    /// known, so that the nearest of them says on which side the centre lies.
+    /// Radius of a sphere \[m\], which has no foot farther away. Its centre may lie as deep, no deeper: all
+    /// facets within the radius are known, so that the nearest of them says on which side the centre lies.
     pub(super) radius: f64,
 }
 
@@ -298,6 +299,20 @@ fn weights(x: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> [f64; 3] {
 mod tests {
     use super::*;
 
+    /// Facets of a slit hold points as deep as those of a block: the other lip is not the other side.
+    #[test]
+    fn lips_of_a_slit_are_as_deep_as_other_facets() {
+        let (nodes, quads) = cube();
+        let lifted = nodes.iter().map(|x| Point3::new(x.x, x.y, x.z + 1.0));
+        // Turned, so that round-off parts the lips.
+        let turn = nalgebra::Rotation3::new(Vector3::new(0.3, -0.8, 0.5));
+        let nodes: Vec<_> = nodes.iter().copied().chain(lifted).map(|x| turn * x).collect();
+        let above = quads.iter().map(|q| q.map(|n| n + 8));
+        let quads: Vec<_> = quads.iter().copied().chain(above).collect();
+        let facets = facets(&Triangle::cut(&quads, nodes.len()), &nodes);
+        assert!(facets.iter().all(|f| (f.depth - 0.5).abs() < 1e-14));
+    }
+
     /// Corners of the unit cube and its faces.
     fn cube() -> (Vec<Point3<f64>>, Vec<[u32; 4]>) {
         let bit = |k: usize, c: usize| f64::from(u8::from(k >> c & 1 == 1));
@@ -333,7 +348,7 @@ mod tests {
             "half of the thickness"
         );
         let see = |x: f64, y: f64, z: f64, normal: Option<Vector3<f64>>| {
-            let (at, radius) = (Vector3::new(x, y, z), 0.2);
+            let (at, radius) = (Vector3::new(x, y, z), 0.8);
             let placed = facets
                 .iter()
                 .map(|f| PlacedFacet::new(f, |n| nodes[n as usize].coords));
@@ -360,6 +375,10 @@ mod tests {
         for x in [[1.2, 0.5, 0.95], [0.5, 0.5, 1.05], [0.5, 0.5, 0.1]] {
             assert!(see(x[0], x[1], x[2], down).distance.is_infinite(), "{x:?}");
         }
+        // Deep behind a facet while another one is nearer: a corner that has entered by the other one.
+        assert!((see(0.9, 0.5, 0.88, down).distance + 0.12).abs() < 1e-14);
+        assert!((see(0.8, 0.5, 0.85, down).distance + 0.15).abs() < 1e-14);
+        assert!(see(0.9, 0.5, 0.85, down).distance.is_infinite());
         // A point at a rim, whose normal is slanted, lies behind the plane of a side but in front of the
         // bottom.
         let slanted = Some(Vector3::new(1.0, 0.0, 1.0));

@@ -425,11 +425,11 @@ impl Effect<f64> for Contacts {
         let shared = self.body.clone();
         let mut rigid = shared.lock();
         rigid.begin(self.share, instant)?;
-        let speed = farthest(&self.near.nodes, |n, _| three(instant.v_half, n));
-        let (way, limit) = (
-            rigid.way().norm() + instant.dt * speed,
-            DEEPEST * rigid.shape().depth(),
-        );
+        let moved = rigid.way();
+        let way = farthest(&self.near.nodes, |n, _| {
+            three(instant.v_half, n) * instant.dt - moved
+        });
+        let limit = DEEPEST * rigid.shape().depth();
         if instant.dt > 0.0 && way > limit {
             let rule = format!(
                 "must stay below {limit:e} m, half the depth of the obstacle, or they could jump through each other; shorten the time \

@@ -80,9 +80,12 @@ impl Near {
         self.is_built = false;
     }
 
-    /// Sum over both sides of the largest displacement of a node in the last step \[m\].
+    /// Sum over both sides of the largest displacement of a node in the last step, less that of a node of the
+    /// first side \[m\]: bodies may fly together as fast as they like.
     pub(super) fn way(&self, sides: &[Side; 2], instants: [&Instant<'_, f64>; 2]) -> f64 {
-        let fastest = |s: usize| farthest(&sides[s].nodes, |n, _| three(instants[s].v_half, n));
+        let first = sides[0].nodes.first();
+        let common = first.map_or_else(Vector3::zeros, |n| three(instants[0].v_half, *n));
+        let fastest = |s: usize| farthest(&sides[s].nodes, |n, _| three(instants[s].v_half, n) - common);
         instants[0].dt * (fastest(0) + fastest(1))
     }
 

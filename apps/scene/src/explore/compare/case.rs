@@ -243,8 +243,8 @@ impl Case {
         value(format!("interface.{}.method", self.name), method.name(), rule)
     }
 
-    /// Lengths of the models' own regions \[m\], the coarse one first, if a pulse that the coarse model carries
-    /// has room in both.
+    /// Lengths of the models' own regions \[m\], the coarse one first, if a pulse that the coarse model
+    /// carries has room in both.
     pub(super) fn own_lengths(&self) -> Result<[f64; 2]> {
         let x = |k: usize| self.parts[k].places.iter().map(|p| p.x);
         let lengths = [
