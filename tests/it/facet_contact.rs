@@ -7,10 +7,15 @@ use crate::support::blocks::{Block, E, H, bits, block, depth_in, places, random}
 use arlequin::core::contact::{ContactLaw, Exterior, RigidShape, Solid, SurfaceContact};
 use arlequin::core::effect::{BodyForce, MassDamping, PairSpec};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Coupled, Parts, PrescribedMotion, Silent, TimeFunction, TimeStep};
+use arlequin::core::{Coupled, Error, Parts, PrescribedMotion, Silent, TimeFunction, TimeStep};
 use std::sync::Arc;
 
 fn touching(a: Block, b: Block, law: ContactLaw, fraction: f64) -> Coupled<f64> {
+    joined(a, b, law, fraction).unwrap()
+}
+
+/// Two blocks in contact, unless they are refused.
+fn joined(a: Block, b: Block, law: ContactLaw, fraction: f64) -> Result<Coupled<f64>, Error> {
     let contact = SurfaceContact::new(&a.exterior, &b.exterior, law).unwrap();
     let parts = Parts {
         start: 0.0,
@@ -22,7 +27,7 @@ fn touching(a: Block, b: Block, law: ContactLaw, fraction: f64) -> Coupled<f64> 
             effect: Box::new(contact),
         }],
     };
-    Coupled::from_parts(parts, TimeStep::Fraction(fraction), None).unwrap()
+    Coupled::from_parts(parts, TimeStep::Fraction(fraction), None)
 }
 
 fn fact(run: &Coupled<f64>, name: &str) -> f64 {
@@ -448,20 +453,7 @@ fn pairs_are_refused_by_name() {
         let mut q = vec![0.0; dofs];
         q[..3 * nodes].chunks_mut(3).for_each(|q| q[0] = -shift);
         inside.side = inside.side.with_initial(q, vec![0.0; dofs]).unwrap();
-        let contact = SurfaceContact::new(&a.exterior, &inside.exterior, law).unwrap();
-        let parts = Parts {
-            start: 0.0,
-            end: None,
-            subdomains: vec![a.side, inside.side],
-            interfaces: Vec::new(),
-            pairs: vec![PairSpec {
-                sides: [0, 1],
-                effect: Box::new(contact),
-            }],
-        };
-        let error = Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
-            .unwrap_err()
-            .to_string();
+        let error = joined(a, inside, law, 0.5).unwrap_err().to_string();
         assert!(
             error.contains("points start inside") && error.contains("'contact below-above'"),
             "{error}"
