@@ -287,12 +287,7 @@ impl Contacts {
             self.sides[*s].forces.withdraw(push);
         }
         let ends = ends(&self.sides, &proposed, instants, f);
-        self.closed.repay(p.point as usize);
-        let spring = &mut self.closed.springs[p.point as usize];
-        let r = self
-            .closed
-            .law
-            .decide(&p.proposal, || ends, instants[0].dt, spring);
+        let r = self.closed.decide(&p, ends, instants[0].dt);
         for (s, push) in pushes(&self.sides, p.point, &p.foot, r.force, r.torque[1]) {
             self.sides[s].forces.decide(&push);
         }
@@ -400,10 +395,11 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
-        let [contacts, turn] = self.closed.facts();
+        let [contacts, turn, kept] = self.closed.facts();
         vec![
             contacts,
             turn,
+            kept,
             ("most contacts".into(), self.most as f64),
             ("neighbour searches".into(), self.near.searches as f64),
             ("listed points".into(), self.near.len() as f64),
@@ -428,7 +424,8 @@ impl PairEffect<f64> for Contacts {
         let sides = &self.sides;
         self.closed.settle(instants[0].dt, |a| power(sides, a, v));
         self.find(q);
-        if !std::mem::replace(&mut self.checked, true) {
+        let is_displaced = || q.iter().any(|q| q.iter().any(|x| *x != 0.0));
+        if !std::mem::replace(&mut self.checked, true) && is_displaced() {
             self.check_start(q)?;
             self.check_enclosed(q)?;
         }

@@ -2,7 +2,7 @@
 //! step.
 
 use super::place::Place;
-use super::{BudgetedLaw, ContactLaw, Proposal, Spring};
+use super::{BudgetedLaw, ContactLaw, End, Proposal, Response, Spring};
 use crate::record::Record;
 use nalgebra::Vector3;
 
@@ -14,6 +14,11 @@ const SPRING: usize = Spring::NUMBERS;
 /// Name of the figure that tells by how much a surface has turned where it touches or is pressed. The surface
 /// of a linear model strains by half of its square.
 pub const LARGEST_TURN: &str = "largest turn of the surface [rad]";
+
+/// Name of the figure that tells which part of the energy that elastic contacts without friction took in they
+/// have not given back when they opened. It is zero in exact time, and shows that a contact is too soft, or
+/// that a point slipped off a rim.
+pub const PART_KEPT: &str = "part of the energy that elastic contacts kept";
 
 /// Figure of the largest turn, from the cosine of its angle.
 pub(crate) fn largest_turn(cosine: f64) -> (String, f64) {
@@ -55,6 +60,9 @@ pub(super) struct Closed {
     /// Energy \[J\] that contacts gave beyond their budgets, by forces that they did not know. All contacts
     /// repay it.
     debt: f64,
+    /// Energy \[J\] that contacts took in, and that elastic ones without friction still had when they opened.
+    taken: f64,
+    kept: f64,
     /// Smallest cosine of the angle by which a facet in contact has turned since rest.
     turn: f64,
 }
@@ -68,6 +76,8 @@ impl Closed {
             proposed: Vec::new(),
             backwards: false,
             debt: 0.0,
+            taken: 0.0,
+            kept: 0.0,
             turn: 1.0,
         }
     }
@@ -111,17 +121,30 @@ impl Closed {
     /// Opens the contact of a point: it forgets its sliding and its budget.
     pub(super) fn open(&mut self, point: usize) {
         if self.springs[point].closed {
-            self.debt = (self.debt - self.springs[point].budget).max(0.0);
-            self.springs[point] = Spring::default();
+            self.repay(point);
+            let spring = std::mem::take(&mut self.springs[point]);
+            let is_elastic = self.law.damping_ratio() <= 0.0 && self.law.law.friction <= 0.0;
+            self.kept += if is_elastic { spring.budget } else { 0.0 };
         }
     }
 
-    /// Lets a contact repay the debt, before it is decided.
-    pub(super) fn repay(&mut self, point: usize) {
+    /// Lets a contact repay the debt.
+    fn repay(&mut self, point: usize) {
         let budget = &mut self.springs[point].budget;
         let paid = budget.max(0.0).min(self.debt);
         *budget -= paid;
         self.debt -= paid;
+    }
+
+    /// Scales a proposed response so that the budget of the contact, less the debt, covers its work.
+    pub(super) fn decide(&mut self, p: &Proposed, ends: [End; 2], dt: f64) -> Response {
+        let point = p.point as usize;
+        self.repay(point);
+        let spring = &mut self.springs[point];
+        let before = spring.budget;
+        let response = self.law.decide(&p.proposal, || ends, dt, spring);
+        self.taken += (spring.budget - before).max(0.0);
+        response
     }
 
     /// Records the cosine of the angle by which a facet in contact has turned since rest, if it is the
@@ -131,10 +154,12 @@ impl Closed {
     }
 
     /// Figures for reports: names (with units) and values.
-    pub(super) fn facts(&self) -> [(String, f64); 2] {
+    pub(super) fn facts(&self) -> [(String, f64); 3] {
+        let part = self.kept / self.taken.max(f64::MIN_POSITIVE);
         [
             ("contacts".into(), self.active.len() as f64),
             largest_turn(self.turn),
+            (PART_KEPT.into(), part),
         ]
     }
 
@@ -150,7 +175,8 @@ impl Closed {
         let flags = [self.law.begun, self.backwards].map(u64::from);
         out.integers.extend(flags);
         out.integers.push(closed().count() as u64);
-        out.numbers.extend([self.law.supplied, self.turn, self.debt]);
+        out.numbers
+            .extend([self.law.supplied, self.turn, self.debt, self.taken, self.kept]);
         for (k, spring) in closed() {
             out.integers.push(k as u64);
             out.numbers.extend(spring.numbers());
@@ -173,7 +199,7 @@ impl Closed {
         nodes: impl Fn(u32) -> usize,
     ) -> Option<()> {
         let (&[begun, backwards, closed], integers) = integers.split_first_chunk::<3>()?;
-        let (&[supplied, turn, debt], numbers) = numbers.split_first_chunk::<3>()?;
+        let (&[supplied, turn, debt, taken, kept], numbers) = numbers.split_first_chunk::<5>()?;
         let closed = usize::try_from(closed).ok()?;
         let (places, integers) = integers.split_at_checked(closed)?;
         let (springs, numbers) = numbers.split_at_checked(closed.checked_mul(SPRING)?)?;
@@ -185,6 +211,7 @@ impl Closed {
             return None;
         }
         (self.law.supplied, self.turn, self.debt) = (supplied, turn, debt);
+        (self.taken, self.kept) = (taken, kept);
         [self.law.begun, self.backwards] = [begun == 1, backwards == 1];
         self.springs.fill(Spring::default());
         for (k, x) in places.iter().zip(springs.as_chunks::<SPRING>().0) {
@@ -216,6 +243,7 @@ impl Closed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::{Pair, Twist};
     use approx::assert_abs_diff_eq;
 
     /// What contacts give too much is a debt: it outlives the contact and a restart, counts against what is
@@ -257,5 +285,63 @@ mod tests {
         closed.debt = 1.5;
         closed.open(1);
         assert_abs_diff_eq!(closed.debt, 0.5);
+    }
+
+    /// Figures of a contact that took in 2 J and opens with half of it, after a restart as before.
+    #[test]
+    fn what_elastic_contacts_keep_and_how_far_they_turn_are_figures_that_outlive_a_restart() {
+        for (law, kept) in [
+            (ContactLaw::elastic(1e9), 0.5),
+            (
+                ContactLaw {
+                    friction: 0.1,
+                    ..ContactLaw::elastic(1e9)
+                },
+                0.0,
+            ),
+            (
+                ContactLaw {
+                    restitution: 0.5,
+                    ..ContactLaw::elastic(1e9)
+                },
+                0.0,
+            ),
+        ] {
+            let mut closed = Closed::new(law, 1);
+            closed.law.begun = true;
+            closed.turned(0.2_f64.cos());
+            closed.springs[0].closed = true;
+            let pair = Pair {
+                normal: Vector3::x(),
+                gap: 1e-3,
+                stiffness: 1.0,
+                reduced_radius: 0.0,
+                arms: [0.0; 2],
+                share: 1.0,
+                inverse_mass: 0.0,
+                motion: [Twist::zero(); 2],
+            };
+            let proposal = closed.law.propose(&pair, false, 1.0, &mut closed.springs[0]);
+            let proposed = Proposed {
+                point: 0,
+                foot: Place::default(),
+                proposal,
+            };
+            // The end comes closer: the force works against its speed, so the contact takes energy in.
+            let mut end = End::default();
+            end.middle[0] = -2.0 / proposal.response.force.x;
+            closed.decide(&proposed, [End::default(), end], 1.0);
+            assert_abs_diff_eq!(closed.springs[0].budget, 2.0, epsilon = 1e-14);
+            closed.springs[0].budget = 1.0;
+            closed.open(0);
+            let mut record = Record::default();
+            closed.save(&mut record);
+            let mut again = Closed::new(law, 1);
+            again.restore(&record.integers, &record.numbers, |_| 1).unwrap();
+            for [_, turn, part] in [closed.facts(), again.facts()] {
+                assert_abs_diff_eq!(turn.1, 0.2, epsilon = 1e-14);
+                assert_abs_diff_eq!(part.1, kept, epsilon = 1e-14);
+            }
+        }
     }
 }

@@ -86,7 +86,7 @@ pub(super) fn facets(triangles: &[Triangle], nodes: &[Point3<f64>]) -> Vec<Facet
 }
 
 /// Thickness of a body below a point of its surface \[m\], infinite beyond `reach`.
-fn thickness(faces: &Faces, x: &Vector3<f64>, normal: &Vector3<f64>, reach: f64) -> f64 {
+pub(super) fn thickness(faces: &Faces, x: &Vector3<f64>, normal: &Vector3<f64>, reach: f64) -> f64 {
     let end = x - normal * reach;
     let ends = [Point3::from(x.inf(&end)), Point3::from(x.sup(&end))];
     let mut nearest = f64::INFINITY;

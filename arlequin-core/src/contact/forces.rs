@@ -108,3 +108,42 @@ impl StepForces {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    /// Of two pushes on a node to the same side, the first counts half of what the second proposes, and the
+    /// second gets as much of what the first was given; pushes to opposite sides share nothing.
+    #[test]
+    fn only_pushes_to_the_same_side_share_their_work() {
+        let (dt, mass, f) = (0.5, 2.0, [0.0; 3]);
+        let instant = Instant {
+            time: 0.0,
+            dt,
+            q: &f,
+            v_half: &f,
+            internal: &f,
+            internal_before: &f,
+        };
+        let push = |x: f64| Push {
+            place: Place::node(0),
+            turning: None,
+            force: Vector3::new(x, 0.0, 0.0),
+            torque: Vector3::zeros(),
+        };
+        for (other, shared) in [(3.0, 3.0), (-3.0, 0.0)] {
+            let mut forces = StepForces::new(vec![1.0 / mass; 3]);
+            forces.propose(&push(other));
+            let first = forces.end(&push(1.0), &instant, &f);
+            assert_abs_diff_eq!(first.middle[0], 0.5 * dt * shared / mass);
+            assert_abs_diff_eq!(first.after[0], dt * other / mass);
+            forces.withdraw(&push(other));
+            forces.decide(&push(other));
+            let second = forces.end(&push(1.0), &instant, &f);
+            assert_abs_diff_eq!(second.middle[0], dt * other / mass);
+            assert_abs_diff_eq!(second.decided[0], dt * shared / mass);
+        }
+    }
+}

@@ -275,3 +275,30 @@ pub struct Response {
     /// Energy of the springs \[J\].
     pub stored: f64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+
+    /// An unknown change of the power takes its work in the half step from the budget, and its speed is held
+    /// back; the memory of it fades, and a larger change takes its place.
+    #[test]
+    fn a_contact_remembers_the_largest_unknown_change_for_some_steps() {
+        let (dt, force) = (0.1, 5.0);
+        let mut spring = Spring {
+            budget: 1.0,
+            ..Spring::default()
+        };
+        spring.settle(dt, -2.0, force);
+        assert_abs_diff_eq!(spring.budget, 1.1);
+        assert_abs_diff_eq!(spring.unknown, 0.4);
+        spring.settle(dt, 0.0, force);
+        assert_abs_diff_eq!(spring.unknown, 0.38);
+        spring.settle(dt, 10.0, force);
+        assert_abs_diff_eq!(spring.unknown, 2.0);
+        // Without a force there is no speed to learn.
+        spring.settle(dt, 10.0, 0.0);
+        assert_abs_diff_eq!(spring.unknown, 2.0);
+    }
+}

@@ -275,10 +275,8 @@ impl Contacts {
         let point = &self.points[p.point as usize];
         let proposed = push(point, p.proposal.response.force);
         self.forces.withdraw(&proposed);
-        let ends = || [rigid.end(instant), self.forces.end(&proposed, instant, f)];
-        self.closed.repay(p.point as usize);
-        let spring = &mut self.closed.springs[p.point as usize];
-        let r = self.closed.law.decide(&p.proposal, ends, instant.dt, spring);
+        let ends = [rigid.end(instant), self.forces.end(&proposed, instant, f)];
+        let r = self.closed.decide(&p, ends, instant.dt);
         self.forces.decide(&push(point, r.force));
         rigid.push(self.share, &-r.force, &r.torque[0]);
         self.closed.active.push(Active {

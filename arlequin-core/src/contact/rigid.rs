@@ -451,3 +451,43 @@ impl RigidBody {
         self.peak = numbers[26];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_abs_diff_eq;
+    use nalgebra::Point3;
+
+    /// A free body has its energy itself and may hang on a spring; a driven one gives its energy by its speed.
+    #[test]
+    fn a_driven_body_has_the_power_that_a_free_one_keeps() {
+        let ball = RigidShape::Sphere {
+            centre: Point3::origin(),
+            radius: 1.0,
+        };
+        let speed = Vector3::new(2.0, 0.0, 0.0);
+        let free = Motion::Free {
+            mass: 4.0,
+            velocity: speed,
+            inertia: None,
+        };
+        let mut free = RigidBody::new("free", ball.clone(), free).unwrap();
+        let mut driven = RigidBody::new("driven", ball, Motion::Velocity(speed)).unwrap();
+        let force = Vector3::new(3.0, 7.0, 0.0);
+        assert_abs_diff_eq!(free.driven_power(&force, None), 0.0);
+        assert_abs_diff_eq!(driven.driven_power(&force, None), -6.0);
+        let mut end = End::default();
+        end.after[1] = 1.0;
+        assert_abs_diff_eq!(driven.driven_power(&force, Some(&end)), -7.0);
+        assert_abs_diff_eq!(free.spring_rate(), 0.0);
+        free.set_spring(100.0).unwrap();
+        assert_abs_diff_eq!(free.spring_rate(), 25.0);
+        assert!(
+            driven
+                .set_spring(100.0)
+                .unwrap_err()
+                .to_string()
+                .contains("give the obstacle a mass")
+        );
+    }
+}

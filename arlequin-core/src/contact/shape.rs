@@ -118,7 +118,7 @@ impl RigidShape {
         })
     }
 
-    /// Largest depth of a point inside the shape \[m\], or half of the smallest extent; infinite for a plane.
+    /// Largest depth of a point inside the shape \[m\]; infinite for a plane.
     #[must_use]
     pub fn depth(&self) -> f64 {
         match self {
@@ -127,10 +127,7 @@ impl RigidShape {
             // Radius of the largest ball inside.
             Self::Cone { height, radius, .. } => height * radius / (radius + height.hypot(*radius)),
             Self::Box { half, .. } => half.min(),
-            Self::Solid(solid) => {
-                let [low, high] = solid.bounds();
-                0.5 * (high - low).min()
-            }
+            Self::Solid(solid) => solid.depth(),
         }
     }
 

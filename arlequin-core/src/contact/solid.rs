@@ -1,12 +1,16 @@
 //! A rigid body bounded by triangles.
 
+use super::facet::thickness;
 use crate::Result;
 use crate::error::invalid;
 use crate::geometry::{Faces, closest_on_triangle};
 use nalgebra::{Point3, Vector3};
+use std::sync::OnceLock;
 
 /// Relative difference below which triangles count as equally near: an edge belongs to two of them.
 const TIE: f64 = 1e-9;
+/// Number of triangles from which the depth of a body is measured.
+const SAMPLES: usize = 256;
 
 /// A rigid body bounded by a closed surface of triangles, in its initial position.
 #[derive(Debug, Clone)]
@@ -14,6 +18,7 @@ pub struct Solid {
     faces: Faces,
     /// Outward unit normals; zero for triangles without area.
     normals: Vec<Vector3<f64>>,
+    depth: OnceLock<f64>,
 }
 
 impl Solid {
@@ -45,6 +50,7 @@ impl Solid {
                 .map(|t| area(t).try_normalize(0.0).unwrap_or_default())
                 .collect(),
             faces: Faces::new(triangles),
+            depth: OnceLock::new(),
         })
     }
 
@@ -58,6 +64,35 @@ impl Solid {
     #[must_use]
     pub fn bounds(&self) -> [Point3<f64>; 2] {
         self.faces.bounds()
+    }
+
+    /// Depth of the deepest point \[m\], measured when it is first asked for.
+    #[must_use]
+    pub fn depth(&self) -> f64 {
+        *self.depth.get_or_init(|| self.measure_depth())
+    }
+
+    /// Returns the largest distance from the surface of the middles of chords through the body, which begin at
+    /// the centres of some of its triangles, at right angles. For a plate it is half of its thickness, also if
+    /// the plate is turned, unlike the box around it.
+    fn measure_depth(&self) -> f64 {
+        let [low, high] = self.bounds();
+        let reach = (high - low).norm();
+        let triangles = self.triangles().iter().zip(&self.normals);
+        let depth = |([a, b, c], normal): (&[Point3<f64>; 3], &Vector3<f64>)| {
+            let centre = (a.coords + b.coords + c.coords) / 3.0;
+            let chord = thickness(&self.faces, &centre, normal, reach);
+            let middle = Point3::from(centre - normal * (0.5 * chord));
+            if chord.is_finite() {
+                -self.distance(&middle).0
+            } else {
+                0.0
+            }
+        };
+        triangles
+            .step_by(self.triangles().len().div_ceil(SAMPLES))
+            .map(depth)
+            .fold(0.0, f64::max)
     }
 
     /// Distance of a point from the surface \[m\], negative inside, and the outward normal there.
@@ -131,6 +166,22 @@ mod tests {
             assert!((n.norm() - 1.0).abs() < 1e-12);
             // The normal leads back to the surface.
             assert!(solid.distance(&(x - n * d)).0.abs() < 1e-12);
+        }
+    }
+
+    /// The depth of a plate is half of its thickness, however the plate is turned.
+    #[test]
+    fn the_depth_of_a_plate_is_half_of_its_thickness() {
+        let turn = nalgebra::Rotation3::new(Vector3::new(0.3, -0.8, 0.5));
+        for size in [[3.0, 2.0, 0.1], [0.1, 3.0, 2.0], [1.0, 1.0, 1.0]] {
+            let place = |x: Point3<f64>| turn * Point3::from(x.coords.component_mul(&Vector3::from(size)));
+            let plate = Solid::new(cube().iter().map(|t| t.map(place)).collect()).unwrap();
+            let half = 0.5 * size.iter().copied().fold(f64::INFINITY, f64::min);
+            assert!(
+                (plate.depth() - half).abs() < 1e-12,
+                "{size:?}: {}",
+                plate.depth()
+            );
         }
     }
 

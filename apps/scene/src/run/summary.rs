@@ -10,7 +10,7 @@ use crate::output::summary::{
 use crate::setup::packing::PackingLine;
 use crate::setup::{ParticlesWithoutContact, ProbeReader};
 use crate::spectrum;
-use arlequin::core::contact::LARGEST_TURN;
+use arlequin::core::contact::{LARGEST_TURN, PART_KEPT};
 use arlequin::core::effect::EffectLine;
 use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
 use std::collections::BTreeMap;
@@ -129,8 +129,12 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
     };
     let model_findings = run.watch().into_iter().chain(without_contact.watch(run));
     let warnings = run.warnings().iter().map(ToString::to_string);
-    let turned = run.effects().into_iter().filter_map(|e| turned(&e));
-    model_findings.map(text).chain(turned).chain(warnings).collect()
+    let contacts = run
+        .effects()
+        .into_iter()
+        .flat_map(|e| [turned(&e), kept(&e)])
+        .flatten();
+    model_findings.map(text).chain(contacts).chain(warnings).collect()
 }
 
 /// Turn of a surface in contact \[rad\] above which a run says so; a linear model strains by half of its
@@ -146,6 +150,21 @@ fn turned(line: &EffectLine<f64>) -> Option<String> {
              far: compare with particles, which turn freely with dem.finite_rotations = true",
             line.name,
             50.0 * angle * angle
+        )
+    })
+}
+
+/// Part of the energy of elastic contacts whose loss a run reports.
+const LARGE_LOSS: f64 = 0.05;
+
+/// Returns a warning if elastic contacts have not given back what they took in.
+fn kept(line: &EffectLine<f64>) -> Option<String> {
+    let (name, part) = line.facts.iter().find(|f| f.0 == PART_KEPT)?;
+    (*part > LARGE_LOSS).then(|| {
+        format!(
+            "effect '{}': {name} {part:.2}, above {LARGE_LOSS}; points slipped off a rim, or contacts are too soft: enlarge \
+             contact.modulus, or refine the surface",
+            line.name
         )
     })
 }
