@@ -318,7 +318,7 @@ mod tests {
                 reduced_radius: 0.0,
                 arms: [0.0; 2],
                 share: 1.0,
-                inverse_mass: 0.0,
+                inverse_mass: 1.0,
                 motion: [Twist::zero(); 2],
             };
             let proposal = closed.law.propose(&pair, false, 1.0, &mut closed.springs[0]);

@@ -9,8 +9,10 @@ use std::sync::OnceLock;
 
 /// Relative difference below which triangles count as equally near: an edge belongs to two of them.
 const TIE: f64 = 1e-9;
-/// Number of triangles from which the depth of a body is measured.
+/// Number of triangles from which the depth of a body is measured, and of chords from each: three lead to the
+/// middle of a box.
 const SAMPLES: usize = 256;
+const CHORDS: usize = 6;
 
 /// A rigid body bounded by a closed surface of triangles, in its initial position.
 #[derive(Debug, Clone)]
@@ -72,27 +74,31 @@ impl Solid {
         *self.depth.get_or_init(|| self.measure_depth())
     }
 
-    /// Returns the largest distance from the surface of the middles of chords through the body, which begin at
-    /// the centres of some of its triangles, at right angles. For a plate it is half of its thickness, also if
-    /// the plate is turned, unlike the box around it.
+    /// Returns the largest depth of the middles of chords through the body, at right angles to its surface. The
+    /// first begin at the centres of some triangles, and each leads to the next, at the place of the surface
+    /// that is nearest to its middle. For a plate the depth is half of its thickness, also if the plate is
+    /// turned, unlike that of the box around it.
     fn measure_depth(&self) -> f64 {
         let [low, high] = self.bounds();
         let reach = (high - low).norm();
-        let triangles = self.triangles().iter().zip(&self.normals);
-        let depth = |([a, b, c], normal): (&[Point3<f64>; 3], &Vector3<f64>)| {
-            let centre = (a.coords + b.coords + c.coords) / 3.0;
-            let chord = thickness(&self.faces, &centre, normal, reach);
-            let middle = Point3::from(centre - normal * (0.5 * chord));
-            if chord.is_finite() {
-                -self.distance(&middle).0
-            } else {
-                0.0
+        let mut deepest = 0.0_f64;
+        for k in (0..self.normals.len()).step_by(self.normals.len().div_ceil(SAMPLES)) {
+            let [a, b, c] = self.triangles()[k];
+            let mut foot = (a.coords + b.coords + c.coords) / 3.0;
+            let mut normal = self.normals[k];
+            for _ in 0..CHORDS {
+                let chord = thickness(&self.faces, &foot, &normal, reach);
+                let middle = Point3::from(foot - normal * (0.5 * chord));
+                if !chord.is_finite() {
+                    break;
+                }
+                let (distance, outwards) = self.distance(&middle);
+                deepest = deepest.max(-distance);
+                normal = outwards;
+                foot = middle.coords - outwards * distance;
             }
-        };
-        triangles
-            .step_by(self.triangles().len().div_ceil(SAMPLES))
-            .map(depth)
-            .fold(0.0, f64::max)
+        }
+        deepest
     }
 
     /// Distance of a point from the surface \[m\], negative inside, and the outward normal there.
