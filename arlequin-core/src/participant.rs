@@ -115,7 +115,7 @@ pub struct Outline<T: Real> {
 
 impl<T: Real> Outline<T> {
     /// Outline of `solver`; `inertia` is its lumped inertia without weights \[kg, kg m²\].
-    pub fn of(solver: &dyn Participant<T>, inertia: Vec<T>) -> Self {
+    pub fn new(solver: &dyn Participant<T>, inertia: Vec<T>) -> Self {
         Self {
             name: solver.name().to_owned(),
             kind: solver.kind().to_owned(),

@@ -19,12 +19,12 @@ impl<T> Record<T> {
     /// # Errors
     /// [`Error::SizeMismatch`], naming `what`.
     pub fn expect(&self, what: &str, numbers: usize, integers: usize) -> Result<()> {
-        same(
+        check_length(
             &format!("numbers in the record of {what}"),
             numbers,
             self.numbers.len(),
         )?;
-        same(
+        check_length(
             &format!("integers in the record of {what}"),
             integers,
             self.integers.len(),
@@ -33,7 +33,7 @@ impl<T> Record<T> {
 }
 
 /// Returns an error unless `found` equals `expected`.
-pub(crate) fn same(what: &str, expected: usize, found: usize) -> Result<()> {
+pub(crate) fn check_length(what: &str, expected: usize, found: usize) -> Result<()> {
     if expected == found {
         return Ok(());
     }

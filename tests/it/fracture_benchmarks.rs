@@ -59,6 +59,7 @@ fn a_blunt_ball_makes_a_ring_where_particles_break() {
 }
 
 #[test]
+#[ignore = "minutes"]
 fn strengths_and_the_pure_shear_test_are_measured() {
     hold(
         &checks("circles").unwrap(),

@@ -15,6 +15,7 @@ mod following_pressure;
 mod fracture_benchmarks;
 mod fragment_contact;
 mod hard_cases;
+mod hertz_contact;
 mod multipliers;
 mod natural_patch;
 mod nodal_weighting;

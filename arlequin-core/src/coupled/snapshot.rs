@@ -6,7 +6,7 @@
 use super::Coupled;
 use super::rezone::Conversions;
 use super::warning::Warning;
-use crate::record::same;
+use crate::record::check_length;
 use crate::scalar::check_finite;
 use crate::{Real, Result, Subdomain};
 
@@ -131,17 +131,17 @@ impl<T: Real> Coupled<T> {
         {
             self.subdomains[k].set_pace(self.dt, *steps)?;
         }
-        same(
+        check_length(
             "subdomains of the snapshot",
             self.subdomains.len(),
             from.subdomains.len(),
         )?;
-        same(
+        check_length(
             "interfaces of the snapshot",
             self.interfaces.len(),
             from.impulses.len(),
         )?;
-        same(
+        check_length(
             "effects between two models in the snapshot",
             self.pairs.len(),
             from.pairs.len(),
@@ -153,7 +153,7 @@ impl<T: Real> Coupled<T> {
             s.restore(f)?;
         }
         for (i, f) in self.interfaces.iter_mut().zip(&from.impulses) {
-            same("impulses of the snapshot", i.impulse().len(), f.len())?;
+            check_length("impulses of the snapshot", i.impulse().len(), f.len())?;
             check_finite("impulses of the snapshot", f)?;
             i.restore(f);
         }

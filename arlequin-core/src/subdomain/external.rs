@@ -56,7 +56,7 @@ impl<T: Real> Subdomain<T> {
         let mut inertia = vec![T::zero(); layout.dofs()];
         // The partition check compares the weighted inertia with this one, without weights.
         solver.weigh(&Weights::uncoupled(), &mut inertia)?;
-        let outline = Outline::of(&*solver, inertia);
+        let outline = Outline::new(&*solver, inertia);
         // Weights are the solver's business: the outline must not be weighted at its nodes.
         let mut out = Self::new(Box::new(outline), field, Weights::uncoupled());
         out.weights = weights;

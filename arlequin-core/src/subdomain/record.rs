@@ -3,7 +3,7 @@
 use super::Subdomain;
 use super::account::Energies;
 use crate::effect::{Attached, Effect};
-use crate::record::{Record, same};
+use crate::record::{Record, check_length};
 use crate::scalar::check_finite;
 use crate::{Real, Result};
 use std::borrow::Cow;
@@ -62,7 +62,7 @@ impl<T: Real> Subdomain<T> {
             return Ok(record);
         }
         let name = self.model().name();
-        same(
+        check_length(
             &format!("memory of an effect on '{name}'"),
             self.inertia.len(),
             record.numbers.len(),
@@ -92,15 +92,15 @@ impl<T: Real> Subdomain<T> {
             .chain((!from.internal.is_empty()).then_some(forces));
         for (what, x) in parts {
             let what = format!("{what} of '{name}' in the snapshot");
-            same(&what, dofs, x.len())?;
+            check_length(&what, dofs, x.len())?;
             check_finite(&what, x)?;
         }
-        same(
+        check_length(
             &format!("works of '{name}' in the snapshot"),
             self.effects.len(),
             from.works.len(),
         )?;
-        same(
+        check_length(
             &format!("effects of '{name}' in the snapshot"),
             self.effects.len(),
             from.effects.len(),

@@ -353,3 +353,39 @@ material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}
     assert_eq!(e.place().0, Some("effect[0].between"), "{e}");
     assert!(e.to_string().contains("must not lie in each other"), "{e}");
 }
+
+/// A flat elastic fall of two blocks on each other: a contact as stiff as the material gives back what it took
+/// in, a contact a thousand times softer does not, and the run says so.
+#[test]
+fn a_run_says_when_elastic_contacts_keep_energy() {
+    for (modulus, says) in [("72.5e9", false), ("1e8", true)] {
+        let results = run(&format!(
+            "[model.upper]
+kind = \"fem\"
+shape.box = {{ low = [-0.45e-3, -0.47e-3, 1.005e-3], high = [0.45e-3, 0.43e-3, 1.905e-3] }}
+spacing = 0.225e-3
+material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}
+[model.lower]
+kind = \"fem\"
+shape.box = {{ low = [-1e-3, -1e-3, 0.0], high = [1e-3, 1e-3, 1e-3] }}
+spacing = 0.25e-3
+material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}
+[[initial]]
+models = [\"upper\"]
+velocity.uniform = [0.0, 0.0, -60.0]
+[[effect]]
+between = [\"lower\", \"upper\"]
+contact = {{ restitution = 1.0, friction = 0.0, modulus = {modulus} }}
+[time]
+end = {}
+",
+            if says { "45e-6" } else { "2e-6" }
+        ));
+        let energy = &results.summary().energy;
+        let lost = 1.0 - energy.last / energy.initial;
+        assert_eq!(lost > 0.05, says, "modulus {modulus}: {lost}");
+        let warnings = &results.summary().warnings;
+        let found = warnings.iter().any(|w| w.contains("elastic contacts kept"));
+        assert_eq!(found, says, "{warnings:?}");
+    }
+}

@@ -173,7 +173,7 @@ fn body(name: &str, path: &str, table: &LoweredModel, folder: &Path) -> Result<B
     };
     Ok(Body {
         // An outline without forces, needed only until the run takes over the solver.
-        model: Box::new(Outline::of(&solver, solver.description().inertia.clone())),
+        model: Box::new(Outline::new(&solver, solver.description().inertia.clone())),
         spacing: spacing(&grid),
         groups: groups(&solver),
         field,
