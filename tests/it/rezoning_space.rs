@@ -352,16 +352,14 @@ fn moving_zones_have_the_same_bits_on_any_number_of_threads() {
 }
 
 /// A bar of elements and spheres whose bonds break, at random velocities.
-fn brittle(criterion: Criterion, strength: f64) -> (Coupled<f64>, SharedLog) {
+fn brittle(fracture: Fracture) -> (Coupled<f64>, SharedLog) {
     let bar = Bar::new(Fine::Spheres, 1);
     let [coarse, fine] = weights(place(0));
     let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
     let law = Elastic::new(1.0, 0.0, 1.0).unwrap();
     let motion = &mut random(3);
     let elements = Subdomain::coarse(FemModel::new("bar", mesh, law).unwrap(), coarse).with_sleep();
-    let spheres = lattice()
-        .with_fracture(Fracture::new(criterion, strength))
-        .unwrap();
+    let spheres = lattice().with_fracture(fracture).unwrap();
     let log = spheres.break_log();
     let spheres = Subdomain::fine(spheres, fine).with_sleep();
     let models = vec![with_state(elements, motion), with_state(spheres, motion)];
@@ -377,7 +375,7 @@ fn brittle(criterion: Criterion, strength: f64) -> (Coupled<f64>, SharedLog) {
 #[test]
 fn bonds_break_awake_alone_stay_broken_and_the_balance_closes() {
     let bar = Bar::new(Fine::Spheres, 1);
-    let (mut run, log) = brittle(Criterion::TensileEnergy, 2e-3);
+    let (mut run, log) = brittle(Fracture::new(Criterion::TensileEnergy, 2e-3));
     let mut before = Vec::new();
     let mut broke_in_zone = [0; 2];
     for k in 0..12 {
@@ -411,10 +409,48 @@ fn bonds_break_awake_alone_stay_broken_and_the_balance_closes() {
     assert_eq!(unique.len(), broken, "a bond broke twice");
 }
 
+/// Beams that soften keep their damage where the zone leaves them and comes back: neither a change of weights
+/// nor sleep heals or harms them, and the balance closes.
+#[test]
+fn damage_of_beams_that_soften_outlives_sleep_and_the_balance_closes() {
+    let bar = Bar::new(Fine::Spheres, 1);
+    let (mut run, log) = brittle(Fracture {
+        dissipated: Some(1e-2),
+        ..Fracture::new(Criterion::TensileEnergy, 1e-3)
+    });
+    let bonds = run.subdomains()[1].model().views().links.unwrap().pairs().len();
+    let damage = |log: &SharedLog| -> Vec<f64> {
+        let log = locked(log);
+        (0..bonds).map(|b| log.damage(b)).collect()
+    };
+    let partial = |d: &[f64]| d.iter().filter(|d| **d > 0.0 && **d < 1.0).count();
+    let (mut before, mut slept) = (damage(&log), 0);
+    for k in (0..8).chain((0..8).rev()) {
+        for _ in 0..6 {
+            run.advance(&mut Silent).unwrap();
+            let now = damage(&log);
+            let fine = &run.subdomains()[1];
+            for (b, ends) in fine.model().views().links.unwrap().pairs().iter().enumerate() {
+                assert!(now[b] >= before[b], "bond {b} healed");
+                if ends.iter().all(|n| fine.is_asleep(*n as usize)) {
+                    assert!(now[b] <= before[b], "bond {b} slept and softened");
+                    slept += usize::from(now[b] > 0.0 && now[b] < 1.0);
+                }
+            }
+            before = now;
+        }
+        bar.rezone(&mut run, place(k)).unwrap();
+        assert_eq!(damage(&log), before, "a change of weights changed the damage");
+    }
+    assert!(partial(&before) > 20, "{} bonds have softened", partial(&before));
+    assert!(slept > 20, "{slept} of them slept");
+    assert!(run.drift() < 1e-11, "the balance misses {:e}", run.drift());
+}
+
 #[test]
 fn strengths_of_particles_are_refused_by_name() {
     let bar = Bar::new(Fine::Spheres, 1);
-    let (mut run, _) = brittle(Criterion::Hydrostatic, 1e3);
+    let (mut run, _) = brittle(Fracture::new(Criterion::Hydrostatic, 1e3));
     let refused = bar.rezone(&mut run, place(1));
     assert!(
         matches!(&refused, Err(Error::Unsupported { model, what }) if model == "fine" && what.contains("sleep")),

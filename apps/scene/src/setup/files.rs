@@ -27,6 +27,7 @@ impl ShapeFile {
 
 /// Reads a closed surface from an STL file, in units of `scale` metres.
 pub(super) fn surface(key: &str, path: &Path, scale: f64) -> Result<Surface> {
+    check_file(key, path)?;
     let surface = Surface::from_stl(&bytes(path)?).map_err(dem(key))?;
     surface.scaled(scale).map_err(dem(key))
 }

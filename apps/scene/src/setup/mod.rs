@@ -113,6 +113,7 @@ pub(crate) fn build_from(
     let load_steps = statics::load_steps(scene, folder)?;
     check_numbers(scene)?;
     check_names(scene)?;
+    zone::check_ranks(scene, ranks)?;
     precheck::models(scene, folder)?;
     let (scene, split_probes) = &zone::with_probes_in_zones(scene, folder)?;
     let checked = precheck::scene(scene, folder)?;
@@ -135,7 +136,7 @@ pub(crate) fn build_from(
     let models = bodies.iter().map(ModelInfo::from_body).collect();
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
-    let moving = Moving::from_scene(scene, &interfaces, &mut bodies, (folder, ranks))?;
+    let moving = Moving::from_scene(scene, &interfaces, &mut bodies, folder)?;
     let begin = start.map_or(0.0, |s| s.time);
     let states = states_of(scene, &bodies, start)?;
     // Decided from the bodies, which the subdomains take over below.

@@ -379,4 +379,10 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
             "{message}"
         );
     }
+    let refused = scene(&[]).for_ranks(2).prepare().map(|_| ());
+    let message = refused.expect_err("two ranks").to_string();
+    assert!(
+        message.contains("zone.crack.follow") && message.contains("run the scene on one"),
+        "{message}"
+    );
 }

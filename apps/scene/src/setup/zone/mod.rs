@@ -17,8 +17,8 @@ mod response;
 pub use super::packing::Likeness;
 pub(super) use held::check_anchors;
 pub(super) use likeness::{Supports, Twin};
-pub(super) use moving::check;
 pub use moving::{Moving, Share};
+pub(super) use moving::{check, check_ranks};
 pub(super) use probes::with_probes_in_zones;
 pub(super) use region::check_region;
 

@@ -58,6 +58,17 @@ pub struct Moving {
     pub(crate) responses: Arc<Vec<Response<f64>>>,
 }
 
+/// Refuses a zone that moves on several ranks, before anything is built.
+pub(in crate::setup) fn check_ranks(scene: &LoweredScene, ranks: &Ranks) -> Result<()> {
+    match following(scene) {
+        Some((name, ..)) if ranks.count() > 1 => {
+            let rule = "weights cannot change on several ranks; run the scene on one, or remove follow";
+            Err(key(format!("zone.{name}.follow"), rule))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Refuses what a zone that moves cannot have, before anything is built.
 pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     let Some((name, zone, limits)) = following(scene) else {
@@ -128,15 +139,11 @@ impl Moving {
         scene: &LoweredScene,
         built: &[BuiltInterface],
         bodies: &mut [Body],
-        (folder, ranks): (&Path, &Ranks),
+        folder: &Path,
     ) -> Result<Option<Self>> {
         let Some((name, _, limits)) = following(scene) else {
             return Ok(None);
         };
-        if ranks.count() > 1 {
-            let rule = "weights cannot change on several ranks; run the scene on one, or remove follow";
-            return Err(key(format!("zone.{name}.follow"), rule));
-        }
         let table = &scene.interface[name];
         let own = built.iter().find(|b| b.spec.name == name);
         let (Some(own), OverlapSource::Zone(piece)) = (own, &table.overlap) else {
