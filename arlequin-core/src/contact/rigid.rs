@@ -458,7 +458,7 @@ mod tests {
     use approx::assert_abs_diff_eq;
     use nalgebra::Point3;
 
-    /// A free body has its energy itself and may hang on a spring; a driven one gives its energy by its speed.
+    /// A free body has its energy itself and may hang on a spring; a driven one gives energy by its speed.
     #[test]
     fn a_driven_body_has_the_power_that_a_free_one_keeps() {
         let ball = RigidShape::Sphere {

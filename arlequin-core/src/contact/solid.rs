@@ -74,10 +74,10 @@ impl Solid {
         *self.depth.get_or_init(|| self.measure_depth())
     }
 
-    /// Returns the largest depth of the middles of chords through the body, at right angles to its surface. The
-    /// first begin at the centres of some triangles, and each leads to the next, at the place of the surface
-    /// that is nearest to its middle. For a plate the depth is half of its thickness, also if the plate is
-    /// turned, unlike that of the box around it.
+    /// Returns the largest depth of the middles of chords through the body, at right angles to its surface.
+    /// The first begin at the centres of some triangles, and each leads to the next, at the place of the
+    /// surface that is nearest to its middle. For a plate the depth is half of its thickness, also if the
+    /// plate is turned, unlike that of the box around it.
     fn measure_depth(&self) -> f64 {
         let [low, high] = self.bounds();
         let reach = (high - low).norm();

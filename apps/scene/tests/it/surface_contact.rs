@@ -354,8 +354,8 @@ material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}
     assert!(e.to_string().contains("must not lie in each other"), "{e}");
 }
 
-/// A flat elastic fall of two blocks on each other: a contact as stiff as the material gives back what it took
-/// in, a contact a thousand times softer does not, and the run says so.
+/// A flat elastic fall of two blocks on each other: a contact as stiff as the material gives back what it
+/// took in, a contact a thousand times softer does not, and the run says so.
 #[test]
 fn a_run_says_when_elastic_contacts_keep_energy() {
     for (modulus, says) in [("72.5e9", false), ("1e8", true)] {
