@@ -114,7 +114,8 @@ fn a_lumped_operator_on_a_fine_mediator_takes_short_waves() {
     within("kept", lumped.above.expect("a packet"), 0.002, 0.2);
     within("random state", lumped.drift, -1.0, -0.3);
     // Without accelerations multipliers lag behind a steady pull.
-    assert!(once.pulse_error > lumped.pulse_error, "{once:?} {lumped:?}");
+    let error = |r: &Row| r.pulse_error.expect("an error");
+    within("velocities only", error(&once) / error(&lumped), 4.7, 5.9);
 }
 
 /// The review calls it useless for dynamics. On a line the layer reflects no more than an overlap; it pays
@@ -237,6 +238,10 @@ fn clusters_and_full_sums_of_a_chain_are_one() {
         0.0,
         1e-9,
     );
+    // Where the weights miss each other by one spacing of the particles, more than twice as much comes back;
+    // uniform strain does not show it.
+    within("blend, down", blend.down, 1.4e-4, 1.7e-4);
+    within("blend, up", blend.up, 1.5e-4, 1.85e-4);
     // Without multipliers it costs less than the default.
     within("cost", blend.cost, 0.97, 0.99);
     // The followers bend the pulse instead.
@@ -372,7 +377,8 @@ fn a_memory_takes_short_waves() {
     // Lost at first, and gained slowly later.
     within("random state", bridging.drift.abs(), 0.05, 2.0);
     within("momentum", bridging.momentum, 1e-6, 0.1);
-    within("cost", bridging.cost, 1.5, 4.0);
+    // A quarter of it is a memory of 1000 steps.
+    within("cost", bridging.cost, 2.2, 2.28);
     assert!(bridging.patch.is_none(), "it has no energy to minimise");
     // A standing wave works at the end of the zone: where the zone takes more than half of a line, it gains
     // without bound.
