@@ -155,7 +155,7 @@ const MISTAKES: [(&str, &str, &str); 16] = [
     (
         "shape.file = \"ball.stl\"",
         "shape.file = \"bal.stl\"",
-        "cannot read",
+        "model.ball.shape.file: mesh file",
     ),
 ];
 
