@@ -18,7 +18,7 @@ pub const LARGEST_TURN: &str = "largest turn of the surface [rad]";
 /// Name of the figure that tells which part of the energy that elastic contacts without friction took in they
 /// have not given back when they opened. It is zero in exact time, and shows that a contact is too soft, or
 /// that a point slipped off a rim.
-pub const PART_KEPT: &str = "part of the energy that elastic contacts kept";
+pub const PART_LOST: &str = "part of the energy that elastic contacts lost";
 
 /// Figure of the largest turn, from the cosine of its angle.
 pub(crate) fn largest_turn(cosine: f64) -> (String, f64) {
@@ -62,7 +62,7 @@ pub(super) struct Closed {
     debt: f64,
     /// Energy \[J\] that contacts took in, and that elastic ones without friction still had when they opened.
     taken: f64,
-    kept: f64,
+    lost: f64,
     /// Smallest cosine of the angle by which a facet in contact has turned since rest.
     turn: f64,
 }
@@ -77,7 +77,7 @@ impl Closed {
             backwards: false,
             debt: 0.0,
             taken: 0.0,
-            kept: 0.0,
+            lost: 0.0,
             turn: 1.0,
         }
     }
@@ -124,7 +124,7 @@ impl Closed {
             self.repay(point);
             let spring = std::mem::take(&mut self.springs[point]);
             let is_elastic = self.law.damping_ratio() <= 0.0 && self.law.law.friction <= 0.0;
-            self.kept += if is_elastic { spring.budget } else { 0.0 };
+            self.lost += if is_elastic { spring.budget } else { 0.0 };
         }
     }
 
@@ -155,11 +155,11 @@ impl Closed {
 
     /// Figures for reports: names (with units) and values.
     pub(super) fn facts(&self) -> [(String, f64); 3] {
-        let part = self.kept / self.taken.max(f64::MIN_POSITIVE);
+        let part = self.lost / self.taken.max(f64::MIN_POSITIVE);
         [
             ("contacts".into(), self.active.len() as f64),
             largest_turn(self.turn),
-            (PART_KEPT.into(), part),
+            (PART_LOST.into(), part),
         ]
     }
 
@@ -176,7 +176,7 @@ impl Closed {
         out.integers.extend(flags);
         out.integers.push(closed().count() as u64);
         out.numbers
-            .extend([self.law.supplied, self.turn, self.debt, self.taken, self.kept]);
+            .extend([self.law.supplied, self.turn, self.debt, self.taken, self.lost]);
         for (k, spring) in closed() {
             out.integers.push(k as u64);
             out.numbers.extend(spring.numbers());
@@ -199,7 +199,7 @@ impl Closed {
         nodes: impl Fn(u32) -> usize,
     ) -> Option<()> {
         let (&[begun, backwards, closed], integers) = integers.split_first_chunk::<3>()?;
-        let (&[supplied, turn, debt, taken, kept], numbers) = numbers.split_first_chunk::<5>()?;
+        let (&[supplied, turn, debt, taken, lost], numbers) = numbers.split_first_chunk::<5>()?;
         let closed = usize::try_from(closed).ok()?;
         let (places, integers) = integers.split_at_checked(closed)?;
         let (springs, numbers) = numbers.split_at_checked(closed.checked_mul(SPRING)?)?;
@@ -211,7 +211,7 @@ impl Closed {
             return None;
         }
         (self.law.supplied, self.turn, self.debt) = (supplied, turn, debt);
-        (self.taken, self.kept) = (taken, kept);
+        (self.taken, self.lost) = (taken, lost);
         [self.law.begun, self.backwards] = [begun == 1, backwards == 1];
         self.springs.fill(Spring::default());
         for (k, x) in places.iter().zip(springs.as_chunks::<SPRING>().0) {
@@ -290,7 +290,7 @@ mod tests {
     /// Figures of a contact that took in 2 J and opens with half of it, after a restart as before.
     #[test]
     fn what_elastic_contacts_keep_and_how_far_they_turn_are_figures_that_outlive_a_restart() {
-        for (law, kept) in [
+        for (law, lost) in [
             (ContactLaw::elastic(1e9), 0.5),
             (
                 ContactLaw {
@@ -340,7 +340,7 @@ mod tests {
             again.restore(&record.integers, &record.numbers, |_| 1).unwrap();
             for [_, turn, part] in [closed.facts(), again.facts()] {
                 assert_abs_diff_eq!(turn.1, 0.2, epsilon = 1e-14);
-                assert_abs_diff_eq!(part.1, kept, epsilon = 1e-14);
+                assert_abs_diff_eq!(part.1, lost, epsilon = 1e-14);
             }
         }
     }

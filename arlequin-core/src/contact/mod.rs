@@ -37,7 +37,7 @@ mod solid;
 pub use between::SurfaceContact;
 pub use budget::{BudgetedLaw, End, Proposal};
 pub(crate) use closed::largest_turn;
-pub use closed::{LARGEST_TURN, PART_KEPT};
+pub use closed::{LARGEST_TURN, PART_LOST};
 pub use exterior::Exterior;
 pub use law::{ContactLaw, Pair, Response, Spring};
 pub use obstacle::SurfaceObstacle;

@@ -11,8 +11,12 @@ use std::sync::OnceLock;
 const TIE: f64 = 1e-9;
 /// Number of triangles from which the depth of a body is measured, and of chords from each: three lead to the
 /// middle of a box.
-const SAMPLES: usize = 256;
+const SAMPLES: usize = 1024;
 const CHORDS: usize = 6;
+/// Faces at both ends of a chord are parallel if the cosine of the angle between them is larger.
+const PARALLEL: f64 = 0.985;
+/// Part of the surface that a thin part must have to count: chips of a triangulation do not.
+const LEAST_AREA: f64 = 0.01;
 
 /// A rigid body bounded by a closed surface of triangles, in its initial position.
 #[derive(Debug, Clone)]
@@ -68,37 +72,61 @@ impl Solid {
         self.faces.bounds()
     }
 
-    /// Depth of the deepest point \[m\], measured when it is first asked for.
+    /// Depth to which the body holds points \[m\], measured when it is first asked for: half of the thickness
+    /// of its thinnest part that has two parallel faces, or the depth of its deepest point.
     #[must_use]
     pub fn depth(&self) -> f64 {
         *self.depth.get_or_init(|| self.measure_depth())
     }
 
-    /// Returns the largest depth of the middles of chords through the body, at right angles to its surface.
-    /// The first begin at the centres of some triangles, and each leads to the next, at the place of the
-    /// surface that is nearest to its middle. For a plate the depth is half of its thickness, also if the
-    /// plate is turned, unlike that of the box around it.
+    /// Measures the depth by chords at right angles to the surface, from the centres of some triangles; each
+    /// chord begins where the surface is nearest to the middle of the one before it.
     fn measure_depth(&self) -> f64 {
-        let [low, high] = self.bounds();
-        let reach = (high - low).norm();
+        let mut whole = 0.0;
+        // Half of the thickness at triangles of parts with parallel faces, and their areas.
+        let mut parts: Vec<[f64; 2]> = Vec::new();
         let mut deepest = 0.0_f64;
         for k in (0..self.normals.len()).step_by(self.normals.len().div_ceil(SAMPLES)) {
             let [a, b, c] = self.triangles()[k];
+            let area = (b - a).cross(&(c - a)).norm();
+            whole += area;
             let mut foot = (a.coords + b.coords + c.coords) / 3.0;
             let mut normal = self.normals[k];
+            let mut last = [0.0; 2];
             for _ in 0..CHORDS {
-                let chord = thickness(&self.faces, &foot, &normal, reach);
-                let middle = Point3::from(foot - normal * (0.5 * chord));
-                if !chord.is_finite() {
+                let Some(chord) = self.chord(&mut foot, &mut normal) else {
                     break;
-                }
-                let (distance, outwards) = self.distance(&middle);
-                deepest = deepest.max(-distance);
-                normal = outwards;
-                foot = middle.coords - outwards * distance;
+                };
+                last = chord;
+                deepest = deepest.max(last[1]);
+            }
+            let [half, depth] = last;
+            // A middle is as far from both ends only if the faces there are parallel and no other is nearer.
+            if depth > PARALLEL * half {
+                parts.push([depth, area]);
             }
         }
-        deepest
+        parts.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let mut area = 0.0;
+        let thinnest = parts.iter().find(|part| {
+            area += part[1];
+            area > LEAST_AREA * whole
+        });
+        thinnest.map_or(deepest, |part| part[0])
+    }
+
+    /// Returns half of the length and the depth of the middle of the chord that begins at a point of the
+    /// surface \[m\], and moves the point and the normal there to the place that is nearest to the middle.
+    fn chord(&self, foot: &mut Vector3<f64>, normal: &mut Vector3<f64>) -> Option<[f64; 2]> {
+        let [low, high] = self.bounds();
+        let half = 0.5 * thickness(&self.faces, foot, normal, (high - low).norm());
+        if !half.is_finite() {
+            return None;
+        }
+        let middle = *foot - *normal * half;
+        let (distance, outwards) = self.distance(&Point3::from(middle));
+        (*foot, *normal) = (middle - outwards * distance, outwards);
+        Some([half, -distance])
     }
 
     /// Distance of a point from the surface \[m\], negative inside, and the outward normal there.
@@ -175,20 +203,37 @@ mod tests {
         }
     }
 
-    /// The depth of a plate is half of its thickness, however the plate is turned.
+    /// The depth of a plate is half of its thickness, however the plate is turned, also where it stands on a
+    /// thick block: points must not pass through its thinnest part.
     #[test]
-    fn the_depth_of_a_plate_is_half_of_its_thickness() {
+    fn the_depth_is_half_of_the_thickness_of_the_thinnest_part() {
         let turn = nalgebra::Rotation3::new(Vector3::new(0.3, -0.8, 0.5));
+        let part = |size: [f64; 3], from: [f64; 3]| {
+            let place = |x: Point3<f64>| {
+                turn * Point3::from(x.coords.component_mul(&Vector3::from(size)) + Vector3::from(from))
+            };
+            cube().iter().map(|t| t.map(place)).collect::<Vec<_>>()
+        };
         for size in [[3.0, 2.0, 0.1], [0.1, 3.0, 2.0], [1.0, 1.0, 1.0]] {
-            let place = |x: Point3<f64>| turn * Point3::from(x.coords.component_mul(&Vector3::from(size)));
-            let plate = Solid::new(cube().iter().map(|t| t.map(place)).collect()).unwrap();
             let half = 0.5 * size.iter().copied().fold(f64::INFINITY, f64::min);
-            assert!(
-                (plate.depth() - half).abs() < 1e-12,
-                "{size:?}: {}",
-                plate.depth()
-            );
+            let alone = Solid::new(part(size, [0.0; 3])).unwrap().depth();
+            assert!((alone - half).abs() < 1e-12, "{size:?}: {alone}");
+            let beside = [part(size, [0.0; 3]), part([4.0; 3], [5.0; 3])].concat();
+            let beside = Solid::new(beside).unwrap().depth();
+            assert!((beside - half).abs() < 1e-12, "{size:?} beside a block: {beside}");
         }
+        // A pyramid has no parallel faces: its depth is that of the deepest point, nearly the ball inside.
+        let corner = |k: usize| {
+            Point3::new(
+                [0.0, 1.0, 0.0, 0.0][k],
+                [0.0, 0.0, 1.0, 0.0][k],
+                [0.0, 0.0, 0.0, 1.0][k],
+            )
+        };
+        let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|f| f.map(corner));
+        let depth = Solid::new(faces.to_vec()).unwrap().depth();
+        let ball = 1.0 / (3.0 + 3.0_f64.sqrt());
+        assert!(depth > 0.75 * ball && depth < ball, "{depth} and {ball}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::output::summary::{
 use crate::setup::packing::PackingLine;
 use crate::setup::{ParticlesWithoutContact, ProbeReader};
 use crate::spectrum;
-use arlequin::core::contact::{LARGEST_TURN, PART_KEPT};
+use arlequin::core::contact::{LARGEST_TURN, PART_LOST};
 use arlequin::core::effect::EffectLine;
 use arlequin::core::{Arms, BodyMomentum, Claim, Coupled, OwnStep, Subdomain};
 use std::collections::BTreeMap;
@@ -132,7 +132,7 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
     let contacts = run
         .effects()
         .into_iter()
-        .flat_map(|e| [turned(&e), kept(&e)])
+        .flat_map(|e| [turned(&e), lost(&e)])
         .flatten();
     model_findings.map(text).chain(contacts).chain(warnings).collect()
 }
@@ -158,8 +158,8 @@ fn turned(line: &EffectLine<f64>) -> Option<String> {
 const LARGE_LOSS: f64 = 0.05;
 
 /// Returns a warning if elastic contacts have not given back what they took in.
-fn kept(line: &EffectLine<f64>) -> Option<String> {
-    let (name, part) = line.facts.iter().find(|f| f.0 == PART_KEPT)?;
+fn lost(line: &EffectLine<f64>) -> Option<String> {
+    let (name, part) = line.facts.iter().find(|f| f.0 == PART_LOST)?;
     (*part > LARGE_LOSS).then(|| {
         format!(
             "effect '{}': {name} {part:.2}, above {LARGE_LOSS}; points slipped off a rim, or contacts are too soft: enlarge \
