@@ -395,11 +395,11 @@ impl AnyEffect<f64> for Contacts {
     }
 
     fn facts(&self) -> Vec<(String, f64)> {
-        let [contacts, turn, kept] = self.closed.facts();
+        let [contacts, turn, lost] = self.closed.facts();
         vec![
             contacts,
             turn,
-            kept,
+            lost,
             ("most contacts".into(), self.most as f64),
             ("neighbour searches".into(), self.near.searches as f64),
             ("listed points".into(), self.near.len() as f64),

@@ -15,9 +15,9 @@ const SPRING: usize = Spring::NUMBERS;
 /// of a linear model strains by half of its square.
 pub const LARGEST_TURN: &str = "largest turn of the surface [rad]";
 
-/// Name of the figure that tells which part of the energy that elastic contacts without friction took in they
-/// have not given back when they opened. It is zero in exact time, and shows that a contact is too soft, or
-/// that a point slipped off a rim.
+/// Name of a figure of contacts without damping and friction: the energy that they still held when they
+/// opened, over the energy that they took in. An exact contact loses none. A loss shows that the contact is
+/// too soft, or that a point slipped off a rim.
 pub const PART_LOST: &str = "part of the energy that elastic contacts lost";
 
 /// Figure of the largest turn, from the cosine of its angle.
@@ -60,8 +60,9 @@ pub(super) struct Closed {
     /// Energy \[J\] that contacts gave beyond their budgets, by forces that they did not know. All contacts
     /// repay it.
     debt: f64,
-    /// Energy \[J\] that contacts took in, and that elastic ones without friction still had when they opened.
+    /// Energy that all contacts have taken in so far \[J\].
     taken: f64,
+    /// Energy that contacts without damping and friction still held when they opened \[J\]: it is lost.
     lost: f64,
     /// Smallest cosine of the angle by which a facet in contact has turned since rest.
     turn: f64,
@@ -128,7 +129,7 @@ impl Closed {
         }
     }
 
-    /// Lets a contact repay the debt.
+    /// Lets a contact repay the debt of the effect from its own budget.
     fn repay(&mut self, point: usize) {
         let budget = &mut self.springs[point].budget;
         let paid = budget.max(0.0).min(self.debt);
@@ -287,7 +288,8 @@ mod tests {
         assert_abs_diff_eq!(closed.debt, 0.5);
     }
 
-    /// Figures of a contact that took in 2 J and opens with half of it, after a restart as before.
+    /// A contact takes in 2 J and opens with 1 J left: half is lost if the law is elastic. A restart keeps
+    /// the figures.
     #[test]
     fn what_elastic_contacts_keep_and_how_far_they_turn_are_figures_that_outlive_a_restart() {
         for (law, lost) in [

@@ -118,8 +118,8 @@ impl RigidShape {
         })
     }
 
-    /// Largest depth of a point inside the shape, or inside the thinnest part of one of triangles \[m\];
-    /// infinite for a plane.
+    /// Largest depth of a point inside the shape \[m\]; infinite for a plane. A body of triangles has that of
+    /// its thinnest part ([`Solid::depth`]).
     #[must_use]
     pub fn depth(&self) -> f64 {
         match self {

@@ -9,9 +9,9 @@ use std::sync::OnceLock;
 
 /// Relative difference below which triangles count as equally near: an edge belongs to two of them.
 const TIE: f64 = 1e-9;
-/// Number of triangles from which the depth of a body is measured, and of chords from each: three lead to the
-/// middle of a box.
+/// Largest number of triangles at which the depth of a body is measured.
 const SAMPLES: usize = 1024;
+/// Number of chords from each of these triangles: three lead to the middle of a box.
 const CHORDS: usize = 6;
 /// Faces at both ends of a chord are parallel if the cosine of the angle between them is larger.
 const PARALLEL: f64 = 0.985;
