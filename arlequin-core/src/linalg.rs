@@ -1,5 +1,7 @@
 //! Direct solvers behind small object-safe traits: sparse Cholesky, sparse LU, dense symmetric eigenvalues.
 
+mod simplicial;
+
 use crate::{Error, Real, Result, dissection};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::{LltError, Solve};
@@ -12,6 +14,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, MatRef, Par, Side};
 use nalgebra::Point3;
+use simplicial::Simplicial;
 use sprs::{CsMat, TriMat};
 
 /// Right-hand sides solved in one pass over the factor: the components of a vector.
@@ -141,6 +144,10 @@ pub(crate) fn cholesky<T: Real + RealField>(
     symbolic
         .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
         .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
+    // Solves of faer take three right-hand sides one after the other where columns are stored one by one.
+    if let Some(factor) = Simplicial::new(&symbolic, &values) {
+        return Ok(Box::new(factor));
+    }
     // Reserved once, so that solves during a step allocate nothing.
     let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
     Ok(Box::new(Cholesky {

@@ -2,7 +2,7 @@
 
 use super::sums::exact_sums;
 use super::{Owned, UNIT};
-use crate::{Real, parallel};
+use crate::{Exact, Real, parallel};
 use std::ops::Range;
 
 /// Places at which an ascending list of nodes passes from one unit to the next, for sums over the list.
@@ -46,13 +46,18 @@ impl Cuts {
         numbers: usize,
         part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
     ) -> [T; N] {
+        self.owned.total(self.local_sums(numbers, part)).map(T::of)
+    }
+
+    /// Sums over the list of this rank, as in [`Self::sum`].
+    pub(crate) fn local_sums<T: Real, const N: usize>(
+        &self,
+        numbers: usize,
+        part: &(dyn Fn(Range<usize>) -> [T; N] + Sync),
+    ) -> [Exact; N] {
         let count = self.places.last().copied().unwrap_or_default();
         let block_sum = |k: usize| part(self.places[k]..self.places[k + 1]);
-        let local_sums = exact_sums(
-            0..self.places.len() - 1,
-            &block_sum,
-            parallel::pays(count * numbers),
-        );
-        self.owned.total(local_sums).map(T::of)
+        let blocks = 0..self.places.len() - 1;
+        exact_sums(blocks, &block_sum, parallel::pays(count * numbers))
     }
 }
