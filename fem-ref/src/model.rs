@@ -62,6 +62,8 @@ pub struct FemModel<T: Real> {
     /// Unweighted lumped mass contributions `ρ ∫ N_i dV` \[kg\], per element and corner.
     pub(crate) masses: Vec<T>,
     pub(crate) stiffness: BlockMatrix<T>,
+    /// True if the elements have few shapes, in the whole body.
+    repeated: bool,
     /// Means of the weight of the internal energy over the elements \[–\].
     pub(crate) means: Vec<T>,
     /// Patches that recover stresses at the nodes, built at the first request.
@@ -101,9 +103,11 @@ impl<T: Real> FemModel<T> {
             masses.extend(volumes[..corners].iter().map(|v| *v * materials.at(e).density()));
         }
         let ones = vec![T::one(); mesh.element_count()];
+        let repeated = kernel::repeat(&mesh);
         Ok(Self {
             name: name.to_owned(),
-            stiffness: kernel::stiffness(&mesh, &materials, &ones),
+            stiffness: kernel::stiffness(&mesh, &materials, &ones, repeated),
+            repeated,
             means: ones,
             field: Arc::new(FemField::new(mesh)),
             materials,
@@ -184,7 +188,8 @@ impl<T: Real> FemModel<T> {
         let part = &self.part;
         let row = |node: u32| part.as_ref().map_or(Some(node as usize), |p| p.row(node));
         let mesh = self.field.mesh();
-        kernel::assemble(&mut self.stiffness, mesh, &self.materials, &means, &row);
+        let weights = (&means[..], self.repeated);
+        kernel::assemble(&mut self.stiffness, mesh, &self.materials, weights, &row);
         self.means = means;
         Ok(())
     }
@@ -344,16 +349,14 @@ impl<T: Real> StepBound<T> for FemModel<T> {
     /// Bound by Gershgorin's circles, `ω² ≤ max_i Σ_j |K_ij| / M_i`: about half of the critical step.
     fn step_bound(&self, inverse_inertia: &[T]) -> T {
         let c = self.layout().components;
-        let (mut first, mut top) = (0, T::zero());
+        let mut top = T::zero();
         for (i, inverse) in inverse_inertia.chunks_exact(c).enumerate() {
-            let end = first + c * c * self.stiffness.columns(i).len();
-            let blocks = self.stiffness.values()[first..end].chunks_exact(c);
-            // Each block is `c` rows of `c` values.
+            // Each block is `c` columns of `c` values.
+            let columns = self.stiffness.row_values(i).chunks_exact(c);
             for (a, inverse) in inverse.iter().enumerate() {
-                let row = blocks.clone().skip(a).step_by(c).flatten();
-                top = top.max(row.map(|k| k.abs()).sum::<T>() * *inverse);
+                let row: T = columns.clone().map(|column| column[a].abs()).sum();
+                top = top.max(row * *inverse);
             }
-            first = end;
         }
         T::of(2.0) / top.sqrt()
     }

@@ -281,7 +281,9 @@ impl<T: Real> FemModel<T> {
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         let places = self.nodes().iter().flat_map(|x| x.coords.iter());
-        let numbers = places.chain(&self.masses).chain(self.stiffness.values());
+        let rows = 0..self.nodes().len();
+        let stiffness = rows.flat_map(|i| self.stiffness.row_values(i));
+        let numbers = places.chain(&self.masses).chain(stiffness);
         // By bits: parts of bodies that differ in a last digit would not fit together to the bit.
         numbers.for_each(|x| hasher.write_u64(x.as_f64().to_bits()));
         self.mesh()

@@ -12,7 +12,12 @@ const BATCH: usize = 512;
 
 /// Weighted stiffness `Σ_e α_e K_e` \[N/m\] of a mesh, with one weight `α_e` \[–\] per element, in blocks of
 /// 3 × 3 for solids and 1 × 1 for bars. Both triangles are stored and are bitwise transposes of each other.
-pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weights: &[T]) -> BlockMatrix<T> {
+pub(crate) fn stiffness<T: Real>(
+    mesh: &Mesh<T>,
+    materials: &Materials<T>,
+    weights: &[T],
+    repeated: bool,
+) -> BlockMatrix<T> {
     let nodes = mesh.nodes().len();
     let incidence = Adjacency::of_slots(nodes, mesh.connectivity());
     let n = mesh.kind().corners();
@@ -29,7 +34,9 @@ pub(crate) fn stiffness<T: Real>(mesh: &Mesh<T>, materials: &Materials<T>, weigh
         starts.push(columns.len());
     }
     let mut matrix = BlockMatrix::zeros(mesh.kind().components(), starts, columns);
-    assemble(&mut matrix, mesh, materials, weights, &|k| Some(k as usize));
+    assemble(&mut matrix, mesh, materials, (weights, repeated), &|k| {
+        Some(k as usize)
+    });
     matrix
 }
 
@@ -39,7 +46,7 @@ pub(crate) fn assemble<T: Real>(
     matrix: &mut BlockMatrix<T>,
     mesh: &Mesh<T>,
     materials: &Materials<T>,
-    weights: &[T],
+    (weights, repeated): (&[T], bool),
     row: &(dyn Fn(u32) -> Option<usize> + Sync),
 ) {
     // On a rank with part of the body, only its elements are integrated.
@@ -52,7 +59,7 @@ pub(crate) fn assemble<T: Real>(
         range
             .clone()
             .into_par_iter()
-            .map(|e| has_row(&e).then(|| element_stiffness(mesh, materials, e)))
+            .map(|e| has_row(&e).then(|| element_stiffness(mesh, materials, e, repeated)))
             .collect_into_vec(&mut batch);
         // Added in the order of the elements: the sums have the same bits for any number of threads.
         for (e, k) in range.zip(&batch) {
@@ -65,4 +72,5 @@ pub(crate) fn assemble<T: Real>(
             }
         }
     }
+    matrix.share_rows();
 }
