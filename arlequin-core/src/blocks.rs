@@ -154,8 +154,8 @@ impl<T: Real> BlockMatrix<T> {
         self.starts[i] + row.partition_point(|&k| k < j)
     }
 
-    /// Adds `weight · block` at block row `i` and block column `j`, which the pattern must hold. Rows must not
-    /// share values.
+    /// Adds `weight · block` at block row `i` and block column `j`, which the pattern must hold. Rows must
+    /// not share values.
     pub fn add(&mut self, i: usize, j: u32, block: &nalgebra::Matrix3<T>, weight: T) {
         let (c, slot) = (self.size, self.slot(i, j));
         let values = &mut self.values[slot * c * c..(slot + 1) * c * c];

@@ -247,3 +247,34 @@ impl Pull {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fracture::Criterion;
+    use crate::packing::{Lattice, lattice};
+
+    /// Every beam of a chain bears the whole force in tension: the nominal strength of its beams is the
+    /// stress at which the chain breaks.
+    #[test]
+    fn a_chain_breaks_at_the_nominal_strength_of_its_beams() -> Result<()> {
+        let radius = 0.5e-3;
+        let packing = lattice(Lattice::Cubic, [12, 1, 1], radius)?;
+        let beam = BeamMaterial::SILICA;
+        let bar = Bar {
+            start: packing.positions[0].x - radius,
+            length: 24.0 * radius,
+            area: std::f64::consts::PI * (beam.radius_ratio * radius).powi(2),
+        };
+        for fracture in [
+            Fracture::new(Criterion::Axial, 200e6),
+            Fracture::new(Criterion::Energy, 23.0),
+            Fracture::new(Criterion::TensileEnergy, 23.0),
+        ] {
+            let chain = strength_test(&packing, beam, &bar, fracture)?;
+            assert!((chain.first / chain.beam - 1.0).abs() < 1e-6, "{chain:?}");
+            assert!((chain.ratio() - 1.0).abs() < 0.05, "{chain:?}");
+        }
+        Ok(())
+    }
+}

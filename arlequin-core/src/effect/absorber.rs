@@ -1,10 +1,11 @@
 //! The overlap absorber: removes motion that the coarse model cannot carry.
 //!
 //! The constrained scheme filters nothing: everything above the coarse cutoff is reflected. The absorber
-//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, where `P` is the projection
-//! onto a resolved space (the mediator's or a coarser one) that leaves the least power. With `D = diag(m η)`
-//! and shape functions `N` it is `P = N (NᵀDN)⁻¹ NᵀD`, so that the force `F = −(I − P)ᵀ D (I − P) v` is
-//! `−D (I − P) v`: one system to solve. Rigid motions are untouched, and energy only leaves.
+//! damps the unresolved part `v' = v − P v` of the fine velocities in the overlap, where `P` is the
+//! projection onto a resolved space (the mediator's or a coarser one) that leaves the least power. With
+//! `D = diag(m η)` and shape functions `N` it is `P = N (NᵀDN)⁻¹ NᵀD`, so that the force
+//! `F = −(I − P)ᵀ D (I − P) v` is `−D (I − P) v`: one system to solve. Rigid motions are untouched, and
+//! energy only leaves.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;

@@ -1,10 +1,10 @@
 //! The assembled stiffness in rows of 3 × 3 blocks.
 //!
 //! In a regular mesh rows share their values, so that a product reads little beside the displacements.
-//! Otherwise, too, a matrix is faster than forces element by element from stored shape gradients. These forces took four
-//! times as long in cache (1 331 nodes, median of one product on two shared cores: 346 µs against 87 µs for
-//! hexahedra, 209 against 47 for tetrahedra) and twice as long from memory (35 937 nodes: 11.8 ms against
-//! 7.2, 7.3 against 3.7).
+//! In other meshes, too, a matrix is faster than forces element by element from stored shape gradients.
+//! These forces took four times as long in cache (1 331 nodes, median of one product on two shared cores:
+//! 346 µs against 87 µs for hexahedra, 209 against 47 for tetrahedra) and twice as long from memory (35 937
+//! nodes: 11.8 ms against 7.2, 7.3 against 3.7).
 
 mod blocks;
 mod shapes;

@@ -220,4 +220,10 @@ fn what_a_fracture_energy_implies_is_said() {
         both.contains("the strength of particles by 'hydrostatic' means about 1.72e7 Pa"),
         "{both}"
     );
+    // An impossible strength is named before what it would imply.
+    let negative = plan("", "gc = 8.0, strength = -5.0");
+    assert!(
+        negative.contains("fracture.strength: is -5e0, must be"),
+        "{negative}"
+    );
 }

@@ -338,6 +338,19 @@ end = 5e-6
             "effect.0.fracture={criterion='energy', strength=1e-6}",
             "strength = 1e-6 is 1.00e-6 J/m², far below",
         ),
+        // A stress in Pa where an energy is meant.
+        (
+            "effect.0.fracture={criterion='energy', strength=100e6}",
+            "strength = 1e8 is 1.00e8 J/m², far above",
+        ),
+        (
+            "effect.0.fracture={criterion='hydrostatic', strength=15.0}",
+            "strength = 1.5e1 is 2.00e-10 of Young's modulus, far below",
+        ),
+        (
+            "effect.0.fracture={gc=8.0, softening=true, strength=1e-3}",
+            "strength = 1e-3 is 1.33e-14 of Young's modulus, far below",
+        ),
     ] {
         let odd_texts = odd(&[set]);
         assert!(

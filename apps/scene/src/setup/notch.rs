@@ -321,6 +321,7 @@ pub fn cut(knives: &[Knife], shift: &Vector3<f64>, packing: &mut Packing) -> Res
 mod tests {
     use super::*;
     use crate::spec::{NotchBox, NotchDisc, NotchPlane};
+    use arlequin::dem_beam::packing::{Lattice, lattice};
 
     fn knife(notch: Notch) -> Knife {
         let mut read = knives("model.rock", &[notch], Path::new(".")).expect("a notch");
@@ -373,6 +374,8 @@ mod tests {
         });
         assert!(crosses(&disc, [1.4, 1.0, 0.9], [1.4, 1.0, 1.1]));
         assert!(!crosses(&disc, [1.6, 1.0, 0.9], [1.6, 1.0, 1.1]));
+        assert!(crosses(&disc, [1.0, 1.499, 0.9], [1.0, 1.499, 1.1]));
+        assert!(!crosses(&disc, [1.0, 1.501, 0.9], [1.0, 1.501, 1.1]));
         // The segment enters the cylinder of the disc, but crosses its plane outside.
         assert!(!crosses(&disc, [1.6, 1.0, 0.98], [1.3, 1.0, 1.7]));
         assert!(crosses(&disc, [1.3, 1.3, 0.0], [1.3, 1.3, 2.0]));
@@ -432,5 +435,65 @@ mod tests {
         assert!(through(0.3, 0.3, 0.0, 1.0) && through(0.3, 0.3, 1.0, 0.0));
         // It ends before the triangle, begins behind it, or passes beside it.
         assert!(!through(0.3, 0.3, 0.0, 0.4) && !through(0.3, 0.3, 0.6, 1.0) && !through(0.6, 0.6, 0.0, 1.0));
+    }
+
+    /// The inside of a box as a notch.
+    fn solid(low: [f64; 3], high: [f64; 3]) -> Knife {
+        let corner = |k: usize| Vector3::from_fn(|c, _| [low[c], high[c]][k >> c & 1]);
+        let sides = [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ];
+        let halves = sides.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        let surface = Surface::oriented((0..8).map(corner).collect(), halves.collect()).expect("closed");
+        let at = |k: u32| Point3::from(surface.vertices()[k as usize]);
+        let faces = Faces::new(surface.triangles().iter().map(|t| t.map(at)).collect());
+        Knife {
+            path: "model.rock.dem.notch[0]".to_owned(),
+            form: Form::Solid(Box::new((surface, faces))),
+        }
+    }
+
+    #[test]
+    fn a_closed_surface_takes_what_lies_in_it_enters_it_or_passes_through_it() {
+        let notch = solid([0.0; 3], [4.0, 4.0, 0.2]);
+        // Both ends inside: no face is met.
+        assert!(crosses(&notch, [1.0, 1.0, 0.1], [2.0, 1.5, 0.15]));
+        assert!(crosses(&notch, [1.0, 1.1, 0.1], [1.0, 1.1, 1.0]));
+        // Both ends outside.
+        assert!(crosses(&notch, [1.0, 1.1, -1.0], [1.3, 1.2, 1.0]));
+        assert!(!crosses(&notch, [1.0, 1.1, 0.3], [1.3, 1.2, 1.0]));
+        assert!(!crosses(&notch, [4.3, 1.1, -1.0], [4.1, 1.2, 1.0]));
+    }
+
+    /// The frame of a cylinder begins at its axis, that of its notches is the scene.
+    #[test]
+    fn a_packing_is_cut_where_the_notch_lies_in_the_scene() {
+        let shift = Vector3::new(100.0, -7.0, 3.0);
+        let plane = knife(Notch {
+            plane: Some(NotchPlane {
+                point: [104.3, 0.0, 0.0],
+                normal: [1.0, 0.0, 0.0],
+                thickness: None,
+                within: None,
+            }),
+            ..Notch::default()
+        });
+        let mut packing = lattice(Lattice::Cubic, [8, 2, 2], 0.5).expect("a lattice");
+        let along = |p: &[u32; 2]| p.map(|i| packing.positions[i as usize].x + shift.x);
+        let expected = packing.pairs.iter().filter(|p| {
+            let [a, b] = along(p);
+            a.min(b) < 104.3 && a.max(b) > 104.3
+        });
+        let (expected, before) = (expected.count(), packing.pairs.len());
+        assert_eq!(expected, 4);
+        cut(&[plane.clone()], &shift, &mut packing).expect("a cut");
+        assert_eq!(packing.pairs.len(), before - expected);
+        let beside = cut(&[plane], &Vector3::zeros(), &mut packing).expect_err("beside");
+        assert!(beside.to_string().contains("crosses no bond"), "{beside}");
     }
 }

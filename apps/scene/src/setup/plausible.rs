@@ -22,8 +22,9 @@ const YOUNG: [f64; 2] = [1e3, 2e12];
 const DENSITY: [f64; 2] = [5.0, 3e4];
 /// Plausible strains at which a bond breaks: strength over the modulus of the beams \[–\].
 const BREAKING: [f64; 2] = [1e-7, 1.0];
-/// Plausible energies per area at which a bond breaks \[J/m²\].
-const ENERGY: [f64; 2] = [1e-3, 1e8];
+/// Plausible energies per area at which a bond breaks \[J/m²\]: up to ten times that of the toughest metals,
+/// and below any strength in Pa.
+const ENERGY: [f64; 2] = [1e-3, 1e7];
 /// Largest plausible strain that a load gives a linearly elastic body \[–\].
 const STRAIN: f64 = 0.1;
 /// Largest plausible ratio of two Young's moduli in one overlap.
@@ -118,23 +119,32 @@ fn strengths(scene: &LoweredScene, out: &mut Vec<String>) {
         let EffectKind::Fracture(f) = &e.kind else {
             continue;
         };
-        use CriterionKind::{Axial, Mises, Rankine};
-        let (key, given) = match (f.gc, f.strength) {
-            (Some(gc), _) => ("gc", gc),
-            (None, Some(strength)) => ("strength", strength),
-            (None, None) => continue,
-        };
-        let (x, range, what) = match f.criterion {
-            Some(Axial | Rankine | Mises) => (given / young, BREAKING, "of Young's modulus"),
-            _ => (given, ENERGY, "J/m²"),
-        };
-        if let Some(far) = far_outside(x, range) {
+        // A strength beside a fracture energy is the stress from which on beams soften.
+        let stress = f.gc.is_some() || f.criterion.is_some_and(is_of_stresses);
+        let strength = f.strength.map(|x| match stress {
+            true => ("strength", x, (x / young, BREAKING, "of Young's modulus")),
+            false => ("strength", x, (x, ENERGY, "J/m²")),
+        });
+        let gc = f.gc.map(|x| ("gc", x, (x, ENERGY, "J/m²")));
+        for (key, given, (x, range, what)) in [gc, strength].into_iter().flatten() {
+            let Some(far) = far_outside(x, range) else {
+                continue;
+            };
             out.push(format!(
                 "effect[{k}].fracture: {key} = {given:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
                  unit",
                 range[0], range[1]
             ));
         }
+    }
+}
+
+/// Returns whether the strength of a criterion is a stress.
+fn is_of_stresses(criterion: CriterionKind) -> bool {
+    use CriterionKind::{Axial, Energy, Hydrostatic, Mises, Rankine, TensileEnergy};
+    match criterion {
+        Axial | Rankine | Mises | Hydrostatic => true,
+        Energy | TensileEnergy => false,
     }
 }
 

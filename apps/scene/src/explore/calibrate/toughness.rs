@@ -16,6 +16,8 @@ use serde::Serialize;
 
 /// Largest relative difference between the three ways of measuring.
 const AGREE: f64 = 0.1;
+/// Relative difference above which the three ways do not measure the same quantity.
+const APART: f64 = 0.5;
 /// Largest relative difference between the fracture energy of a scene and that measured, without a warning.
 const NEAR: f64 = 0.15;
 /// Largest speed of a slow crack over that of waves; the clamps ask for a fiftieth.
@@ -206,7 +208,14 @@ impl ToughnessResult {
     /// go with the toughness.
     pub(super) fn warnings(&self, asked: &ToughnessTest) -> Vec<String> {
         let mut out = Vec::new();
-        if self.difference > AGREE {
+        if self.difference > APART {
+            out.push(format!(
+                "the three ways to the energy per area differ by {:.0} %: no figure above is a fracture energy. Bonds broke beside \
+                 the crack, or it did not cross the measured length; criteria of stresses with scattered strengths do this. Take \
+                 gc, or a strength without scatter",
+                100.0 * self.difference
+            ));
+        } else if self.difference > AGREE {
             out.push(format!(
                 "the three ways to the energy per area differ by {:.0} %, more than {:.0} %: take more packings or a longer \
                  strip",
