@@ -491,7 +491,7 @@ mod tests {
         });
         let (expected, before) = (expected.count(), packing.pairs.len());
         assert_eq!(expected, 4);
-        cut(&[plane.clone()], &shift, &mut packing).expect("a cut");
+        cut(std::slice::from_ref(&plane), &shift, &mut packing).expect("a cut");
         assert_eq!(packing.pairs.len(), before - expected);
         let beside = cut(&[plane], &Vector3::zeros(), &mut packing).expect_err("beside");
         assert!(beside.to_string().contains("crosses no bond"), "{beside}");
