@@ -38,13 +38,20 @@ impl<T: Real> BlockMatrix<T> {
     /// Zero matrix with blocks of `size` (3 or 1). Block row `i` has the ascending block columns
     /// `columns[starts[i]..starts[i + 1]]`.
     pub fn zeros(size: usize, starts: Vec<usize>, columns: Vec<u32>) -> Self {
+        let values = vec![T::zero(); columns.len() * size * size];
+        Self::by_columns(size, starts, columns, values)
+    }
+
+    /// Matrix whose blocks are given by columns, without rows that share values.
+    fn by_columns(size: usize, starts: Vec<usize>, columns: Vec<u32>, mut values: Vec<T>) -> Self {
+        values.push(T::zero());
         Self {
             size,
             width: starts.len() - 1,
-            values: vec![T::zero(); columns.len() * size * size + 1],
             first: starts[..starts.len() - 1].to_vec(),
             starts,
             columns,
+            values,
         }
     }
 
@@ -56,15 +63,7 @@ impl<T: Real> BlockMatrix<T> {
                 block.swap(a * size + b, b * size + a);
             }
         }
-        values.push(T::zero());
-        Self {
-            size,
-            width: starts.len() - 1,
-            first: starts[..starts.len() - 1].to_vec(),
-            starts,
-            columns,
-            values,
-        }
+        Self::by_columns(size, starts, columns, values)
     }
 
     /// Restricts the matrix to some block `rows`, in the given order, for vectors of `width` blocks. `column`
@@ -86,15 +85,9 @@ impl<T: Real> BlockMatrix<T> {
             values.extend_from_slice(self.row_values(i));
             starts.push(columns.len());
         }
-        values.push(T::zero());
-        let first = starts[..starts.len() - 1].to_vec();
         let mut some = Self {
-            size: self.size,
             width,
-            starts,
-            columns,
-            first,
-            values,
+            ..Self::by_columns(self.size, starts, columns, values)
         };
         some.share_rows();
         some

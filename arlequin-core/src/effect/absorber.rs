@@ -53,7 +53,7 @@ struct AttachedAbsorber<T: Real> {
     factor: Box<dyn SpdFactor<T>>,
     /// One vector per resolved node, components interleaved: `NᵀD v`, then `y`.
     resolved: Vec<T>,
-    /// The same numbers component by component, as the factor takes them.
+    /// `resolved` component by component, as the factor takes it.
     columns: Vec<T>,
     force: Vec<T>,
 }
