@@ -14,9 +14,9 @@ use std::ops::Range;
 /// Block rows per parallel task.
 const CHUNK: usize = 512;
 
-/// Matrices with fewer stored values are multiplied on the calling thread: waking others costs more than it
-/// saves. The limit is some 1 300 nodes of hexahedra, 2 000 of tetrahedra, 87 000 of a bar.
-const SERIAL: usize = 1 << 18;
+/// Matrices with fewer values are multiplied on the calling thread: waking others costs more than it saves,
+/// twice per product. The limit is some 4 000 nodes of hexahedra, 8 000 of tetrahedra, 350 000 of a bar.
+const SERIAL: usize = 1 << 20;
 
 /// A square matrix, or some rows of one, in compressed rows of square blocks: 3 × 3, or single numbers. Rows
 /// with the same values may share them.

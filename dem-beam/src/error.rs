@@ -378,7 +378,8 @@ pub enum Error {
     /// A bar whose gauge section is stiffer or softer than the whole bar.
     #[error(
         "the gauge section has E = {gauge:.4e} Pa, {:+.1} % from the {whole:.4e} Pa of the whole bar, above {:.0} %: \
-         the packing has an axial density wave; take more particles, another seed, or the onset protocol",
+         the packing has an axial density wave, or the bar is too short for its ends; take a bar of 36 mean diameters by \
+         12, more seeds, or the onset protocol",
         100.0 * difference,
         100.0 * limit
     )]

@@ -38,17 +38,21 @@ enum Spread<T: Real> {
     Facets(Vec<(SurfaceFacet<T>, Vector3<T>)>),
 }
 
-/// A dead load on some unknowns, scaled by a time function and weighted by `γ`.
+/// A dead load on some unknowns, scaled by a time function and weighted by `γ`; or a sum of such loads.
 #[derive(Debug, Clone)]
 pub struct Load<T: Real> {
     name: String,
-    spread: Spread<T>,
-    time: TimeFunction<T>,
+    terms: Vec<(Spread<T>, TimeFunction<T>)>,
 }
 
-/// A load attached to a subdomain: weighted forces on unknowns.
+/// A load attached to a subdomain.
 struct WeightedLoad<T: Real> {
     name: String,
+    terms: Vec<Term<T>>,
+}
+
+/// Weighted forces on unknowns that rise and fall together.
+struct Term<T: Real> {
     forces: Vec<(usize, T)>,
     time: TimeFunction<T>,
     factor: T,
@@ -112,26 +116,32 @@ impl<T: Real> Load<T> {
         }
         Ok(Self {
             name: name.to_owned(),
-            spread,
-            time,
+            terms: vec![(spread, time)],
         })
+    }
+
+    /// Adds the forces of another load, each with its own time function. The sum keeps the name of `self`.
+    #[must_use]
+    pub fn plus(mut self, other: Self) -> Self {
+        self.terms.extend(other.terms);
+        self
     }
 }
 
-impl<T: Real> EffectSpec<T> for Load<T> {
-    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+impl<T: Real> Spread<T> {
+    /// Returns the forces on unknowns of the host, weighted, each unknown once in ascending order.
+    fn weighted(&self, name: &str, host: &Host<'_, T>) -> Result<Vec<(usize, T)>> {
         let layout = host.model.layout();
         let gamma = &*host.weights.external;
         let weigh = |dof: usize| gamma.value(&host.model.nodes()[layout.node_of(dof)]);
         let whole = host.unknowns();
-        // Every unknown once, in ascending order.
         let mut sum = std::collections::BTreeMap::<usize, T>::new();
-        match &self.spread {
-            Spread::Dofs(forces) | Spread::Shares(forces) => {
-                let shared = matches!(self.spread, Spread::Shares(_));
+        match self {
+            Self::Dofs(forces) | Self::Shares(forces) => {
+                let shared = matches!(self, Self::Shares(_));
                 for &(dof, f) in forces {
                     if dof >= whole {
-                        let what = format!("unknowns of '{}' in load '{}'", host.model.name(), self.name);
+                        let what = format!("unknowns of '{}' in load '{name}'", host.model.name());
                         return Err(Error::SizeMismatch {
                             what,
                             expected: whole,
@@ -143,7 +153,7 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                     }
                 }
             }
-            Spread::Facets(facets) => {
+            Self::Facets(facets) => {
                 // The weight at the centre of the facet, where the traction is sampled as well.
                 for (facet, traction) in facets {
                     let w = gamma.value(&facet.centre);
@@ -157,13 +167,23 @@ impl<T: Real> EffectSpec<T> for Load<T> {
                 }
             }
         }
-        Ok(Box::new(WeightedLoad {
-            name: self.name,
-            // Unknowns without a force would be visited in every step.
-            forces: sum.into_iter().filter(|(_, f)| *f != T::zero()).collect(),
-            time: self.time,
-            factor: T::zero(),
-        }))
+        // Unknowns without a force would be visited in every step.
+        Ok(sum.into_iter().filter(|(_, f)| *f != T::zero()).collect())
+    }
+}
+
+impl<T: Real> EffectSpec<T> for Load<T> {
+    fn attach(self: Box<Self>, host: &Host<'_, T>) -> Result<Box<dyn Effect<T>>> {
+        let name = self.name;
+        let terms = self.terms.into_iter().map(|(spread, time)| {
+            Ok(Term {
+                forces: spread.weighted(&name, host)?,
+                time,
+                factor: T::zero(),
+            })
+        });
+        let terms = terms.collect::<Result<_>>()?;
+        Ok(Box::new(WeightedLoad { name, terms }))
     }
 }
 
@@ -175,10 +195,12 @@ impl<T: Real> AnyEffect<T> for WeightedLoad<T> {
 
 impl<T: Real> Effect<T> for WeightedLoad<T> {
     fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
-        self.factor = self.time.value(instant.time);
-        // A load that is switched off costs nothing.
-        if self.factor != T::zero() {
-            self.forces.iter().for_each(|&(dof, a)| f[dof] += a * self.factor);
+        for term in &mut self.terms {
+            term.factor = term.time.value(instant.time);
+            // A load that is switched off costs nothing.
+            if term.factor != T::zero() {
+                term.forces.iter().for_each(|&(dof, a)| f[dof] += a * term.factor);
+            }
         }
         Ok(())
     }
@@ -188,12 +210,22 @@ impl<T: Real> Effect<T> for WeightedLoad<T> {
     }
 
     fn add_power(&self, _: &DofLayout, v: &[T], sum: &mut Exact) -> bool {
-        let terms = self.forces.iter().map(|&(dof, a)| a * v[dof] * self.factor);
-        terms.for_each(|x| sum.add(x.as_f64()));
+        for term in self.acting() {
+            let powers = term.forces.iter().map(|&(dof, a)| a * v[dof] * term.factor);
+            powers.for_each(|x| sum.add(x.as_f64()));
+        }
         true
     }
 
     fn power(&self, v: &[T]) -> T {
-        self.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * self.factor
+        let power = |t: &Term<T>| t.forces.iter().fold(T::zero(), |s, &(dof, a)| s + a * v[dof]) * t.factor;
+        self.acting().map(power).sum()
+    }
+}
+
+impl<T: Real> WeightedLoad<T> {
+    /// Terms that acted in the last step.
+    fn acting(&self) -> impl Iterator<Item = &Term<T>> {
+        self.terms.iter().filter(|t| t.factor != T::zero())
     }
 }

@@ -360,6 +360,60 @@ end = 5e-6
     }
 }
 
+/// A bar of spheres with these keys of its packing, and its fracture.
+fn brittle(dem: &str, fracture: &str) -> String {
+    format!(
+        "[model.bar]\nkind = \"dem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [8e-3, 4e-3, 4e-3] }}\n\
+         dem = {{ count = 200, protocol = \"quench\"{dem} }}\n\
+         material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n{fracture}[time]\nsteps = 5\n"
+    )
+}
+
+#[test]
+fn coordinations_without_measured_beams_are_named() {
+    let folder = scratch("coordination");
+    let gc = "[[effect]]\nfracture = { gc = 8.0 }\n";
+    let odd = |dem: &str, fracture: &str| -> Vec<String> {
+        let texts = warnings(&folder, &brittle(dem, fracture), &[]);
+        texts.into_iter().filter(|w| w.contains("coordination")).collect()
+    };
+    for (dem, fracture, words) in [
+        ("", "", ""),
+        (", coordination = 6.25", "", ""),
+        (", coordination = 6.7", "", "some 11 % stiffer than"),
+        (", coordination = 5.7", "", "some 11 % softer than"),
+        (
+            ", coordination = 5.7",
+            gc,
+            "softer than material.young says, and what gc and strengths make",
+        ),
+        (", coordination = 5.7, young = 2e11", "", ""),
+        (
+            ", coordination = 5.7, young = 2e11",
+            gc,
+            "so that what gc and strengths make",
+        ),
+    ] {
+        let texts = odd(dem, fracture);
+        let good = texts.iter().all(|t| !words.is_empty() && t.contains(words));
+        assert!(
+            good && texts.len() == usize::from(!words.is_empty()),
+            "{dem} {fracture}: {texts:#?}"
+        );
+    }
+}
+
+#[test]
+fn bonds_that_are_never_checked_are_named() {
+    let folder = scratch("never-checked");
+    let odd = |every: usize| -> usize {
+        let fracture = format!("[[effect]]\nfracture = {{ gc = 8.0, every = {every} }}\n");
+        let texts = warnings(&folder, &brittle("", &fracture), &[]);
+        texts.iter().filter(|w| w.contains("no bond is checked")).count()
+    };
+    assert_eq!([odd(1), odd(5), odd(6)], [0, 0, 1]);
+}
+
 /// A mesh of two tetrahedra with a common face in two volumes, with or without physical groups.
 fn two_volumes(physical: [&str; 2]) -> String {
     let volume = |tag: u32, group: &str| format!("{tag} 0 0 0 1 1 1 {group} 0\n");

@@ -89,6 +89,10 @@ const PLACE: Variables = Variables {
     names: &["x", "y", "z"],
     meaning: "x, y and z, the place in m",
 };
+const PLACE_AND_TIME: Variables = Variables {
+    names: &["x", "y", "z", "t"],
+    meaning: "x, y and z, the place in m, and t, the time in s",
+};
 
 /// Parser of expressions in mathematical notation: `-t^2` is `-(t^2)`, `2^3^2` is `2^(3^2)`.
 struct Parser<'a> {
@@ -276,6 +280,26 @@ pub(super) fn formula(path: &str, text: &str) -> Result<Formula> {
 pub(super) fn profile(path: &str, text: &str) -> Result<impl Fn(&Point3<f64>) -> f64 + use<>> {
     let node = node(path, text, &PLACE)?;
     Ok(move |x: &Point3<f64>| node.value(&[x.x, x.y, x.z]))
+}
+
+/// Refuses what is no expression of the place \[m\] and of time \[s\].
+pub(super) fn check_profile(path: &str, text: &str) -> Result<()> {
+    node(path, text, &PLACE_AND_TIME).map(|_| ())
+}
+
+/// Returns the expression with its variable `t` replaced by the time \[s\].
+pub(super) fn with_time(text: &str, time: f64) -> String {
+    let in_word = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '.');
+    let mut out = String::new();
+    for (k, c) in text.char_indices() {
+        match c {
+            't' if !in_word(text[..k].chars().next_back()) && !in_word(text[k + 1..].chars().next()) => {
+                out += &format!("({time:?})");
+            }
+            _ => out.push(c),
+        }
+    }
+    out
 }
 
 /// Numbers of a file with comma-separated values, row by row, each with its line number; a first row of words

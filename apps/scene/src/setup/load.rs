@@ -7,8 +7,8 @@ use super::kinds::kind;
 use super::skin::{self, Skin};
 use super::spread::{Carrier, Carriers, Resultant, Traction, distribute, make_up, polar, turn};
 use super::time::time_function;
-use super::{formula, select};
-use crate::error::{Error, Result, core, key, value};
+use super::{profile, select};
+use crate::error::{Error, Result, core, key};
 use crate::setup::LoweredModel;
 use crate::spec::Load;
 use arlequin::core::TimeFunction;
@@ -43,17 +43,7 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
             "needs exactly one of traction, force, pressure, torque",
         ));
     }
-    if let Some(text) = &l.profile {
-        let path = format!("{path}.profile");
-        if l.traction.is_none() && l.pressure.is_none() {
-            return Err(key(
-                path,
-                "is that of a traction or a pressure [Pa]; give one of these",
-            ));
-        }
-        // Read to be checked before anything is packed.
-        let _ = formula::profile(&path, text)?;
-    }
+    profile::check(path, l)?;
     if l.follow && (l.pressure.is_none() || l.profile.is_some()) {
         let rule =
             "lets a uniform pressure turn with the surface; give a pressure without profile, or remove it";
@@ -96,16 +86,33 @@ pub(super) fn check_follow(path: &str, l: &Load, table: &LoweredModel, shared: b
 
 /// Builds a load on one model that keeps the surface as it is at rest.
 pub(super) fn fixed(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
-    let time = time_function(&format!("{path}.time"), &l.time)?;
-    let key_path = format!("{path}.where");
-    let Some(facets) = select::facets(&key_path, body, &l.at)? else {
-        return match on_surface_of_spheres(l, body) {
-            Some(skin) => load_on_spheres(path, name, l, (body, skin), time),
-            None => load_on_nodes(path, name, l, body, time),
-        };
+    let facets = select::facets(&format!("{path}.where"), body, &l.at)?;
+    let surface = match (&facets, on_surface_of_spheres(l, body)) {
+        (Some(facets), _) => facets.clone(),
+        (None, Some(skin)) => surface_of_spheres(path, l, body, skin)?
+            .iter()
+            .map(skin::facet)
+            .collect(),
+        _ => Vec::new(),
     };
-    let field = traction(path, l, &facets)?;
-    effect::Load::traction(name, facets, &*field, time).map_err(core(path))
+    let surface: Vec<_> = surface.iter().map(|f| (f.centre, f.area())).collect();
+    profile::check_steps(path, l, &surface)?;
+    let corners = |nodes: &[usize]| nodes.iter().map(|n| body.model.nodes()[*n]).collect();
+    let build = |(l, time): (Load, TimeFunction<f64>)| {
+        let Some(facets) = &facets else {
+            return match on_surface_of_spheres(&l, body) {
+                Some(skin) => load_on_spheres(path, name, &l, (body, skin), time),
+                None => load_on_nodes(path, name, &l, body, time),
+            };
+        };
+        let field = traction(path, &l, facets, &|k| corners(&facets[k].nodes))?;
+        effect::Load::traction(name, facets.clone(), &*field, time).map_err(core(path))
+    };
+    let mut samples = profile::samples(path, l)?.into_iter();
+    let Some(first) = samples.next() else {
+        return Err(key(path, "has no sample of its profile; report this"));
+    };
+    samples.try_fold(build(first)?, |sum, next| Ok(sum.plus(build(next)?)))
 }
 
 /// Builds a pressure that turns with the surface. It acts on the faces whose nodes are those of selected
@@ -148,11 +155,16 @@ fn following(path: &str, name: &str, pressure: f64, l: &Load, body: &Body) -> Re
     Ok(Box::new(pressure.map_err(core(path))?))
 }
 
-/// Traction of a load on the given facets \[Pa\].
+/// Traction of a load on the given facets \[Pa\]; `corners` returns those of facet `k`.
 ///
 /// # Errors
-/// A profile that is not finite at a facet; errors of [`torque`].
-pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
+/// Those of its profile, and of [`torque`].
+pub(super) fn traction(
+    path: &str,
+    l: &Load,
+    facets: &[SurfaceFacet<f64>],
+    corners: &dyn Fn(usize) -> Vec<Point3<f64>>,
+) -> Result<Traction> {
     let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
     let field: Traction = if let Some(t) = l.traction {
         Box::new(move |_| Vector3::from(t))
@@ -163,20 +175,7 @@ pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Re
     } else {
         torque(path, Vector3::from(l.torque.unwrap_or_default()), facets)?
     };
-    let Some(text) = &l.profile else {
-        return Ok(field);
-    };
-    let path = format!("{path}.profile");
-    let profile = formula::profile(&path, text)?;
-    if let Some(f) = facets.iter().find(|f| !profile(&f.centre).is_finite()) {
-        let rule = format!(
-            "is {} at {:?} m; give one that is finite on the surface",
-            profile(&f.centre),
-            f.centre.coords.as_slice()
-        );
-        return Err(value(path, format_args!("\"{text}\""), &rule));
-    }
-    Ok(Box::new(move |f| field(f) * profile(&f.centre)))
+    profile::multiply(path, l, field, facets, corners)
 }
 
 /// Returns the centre `c` and the vector `θ` with which forces `a θ × (x − c)` at points `x` have a given
@@ -227,19 +226,25 @@ fn load_on_spheres(
     effect::Load::on_dofs(name, forces.collect(), time).map_err(core(path))
 }
 
+/// Returns the loaded surface of a model of particles in triangles.
+fn surface_of_spheres(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Vec<[Point3<f64>; 3]>> {
+    let triangles = skin.select(&format!("{path}.where"), body.model.name(), &l.at, body.spacing)?;
+    // Facets have one traction each.
+    Ok(match l.profile {
+        Some(_) => skin::refined(triangles, PROFILE * body.spacing),
+        None => triangles,
+    })
+}
+
 /// Returns the spheres that carry a traction or pressure.
 ///
 /// # Errors
 /// A selection without surface or without spheres; spheres that are too few to carry the moment.
 pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result<Carriers> {
     let (name, key_path) = (body.model.name(), format!("{path}.where"));
-    let mut triangles = skin.select(&key_path, name, &l.at, body.spacing)?;
-    if l.profile.is_some() {
-        // Facets have one traction each.
-        triangles = skin::refined(triangles, PROFILE * body.spacing);
-    }
+    let triangles = surface_of_spheres(path, l, body, skin)?;
     let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(skin::facet).collect();
-    let field = traction(path, l, &facets)?;
+    let field = traction(path, l, &facets, &|k| triangles[k].to_vec())?;
     let prescribed = Resultant::of_facets(&facets, &field);
     let radii = &body.grid.radii;
     let gap = TOUCH * 0.5 * body.spacing;
@@ -263,7 +268,8 @@ pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result
     }
     let mut out = distribute(&touching, (points, radii), &facets, &field);
     let missing = prescribed.wrench.minus(&out.exert(prescribed.wrench.about));
-    let remainder = make_up(&mut out.0.values_mut().collect::<Vec<&mut Carrier>>(), missing);
+    let mut all: Vec<&mut Carrier> = out.0.values_mut().collect();
+    let remainder = make_up(&mut all, l.profile.is_some(), missing);
     let who = format!(
         "too few spheres of model '{name}' touch {} to carry its moment; choose a larger surface, or smaller spheres",
         l.at

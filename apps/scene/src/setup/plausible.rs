@@ -3,12 +3,12 @@
 use super::bounds::Bound;
 use super::built::{Built, ModelInfo};
 use super::drive;
-use super::kinds::kind;
 use super::names::effect_models;
+use super::particle_warnings;
 use super::shapes::corners;
 use super::time::time_function;
 use crate::setup::{LoweredModel, LoweredScene, OverlapSource};
-use crate::spec::{CriterionKind, Effect, EffectKind, OverlapShape, RegionShape, TimeShape};
+use crate::spec::{Effect, EffectKind, OverlapShape, RegionShape, TimeShape};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{OwnStep, ShapeRow, Subdomain, advice};
 use std::collections::BTreeSet;
@@ -20,11 +20,6 @@ const MANY_STEPS: f64 = 1e9;
 const YOUNG: [f64; 2] = [1e3, 2e12];
 /// Densities of solids \[kg/m³\]: from the lightest foams to beyond osmium.
 const DENSITY: [f64; 2] = [5.0, 3e4];
-/// Plausible strains at which a bond breaks: strength over the modulus of the beams \[–\].
-const BREAKING: [f64; 2] = [1e-7, 1.0];
-/// Plausible energies per area at which a bond breaks \[J/m²\]: up to ten times that of the toughest metals,
-/// and below any strength in Pa.
-const ENERGY: [f64; 2] = [1e-3, 1e7];
 /// Largest plausible strain that a load gives a linearly elastic body \[–\].
 const STRAIN: f64 = 0.1;
 /// Largest plausible ratio of two Young's moduli in one overlap.
@@ -55,16 +50,22 @@ pub(super) fn warnings(scene: &LoweredScene, built: &Built) -> Vec<String> {
             .model
             .iter()
             .for_each(|(name, table)| materials(name, table, &mut out));
-        strengths(scene, &mut out);
+        particle_warnings::strengths(scene, &mut out);
         out.extend(millimetres(built));
     }
-    for (name, table) in &scene.model {
+    for (m, (name, table)) in scene.model.iter().enumerate() {
+        out.extend(particle_warnings::coordination(
+            name,
+            table,
+            built.models[m].breaks.is_some(),
+        ));
         if let (true, Some(nu)) = (table.shape.is_line(), table.material.and_then(|m| m.poisson)) {
             out.push(format!(
                 "model '{name}': material.poisson = {nu} does not enter: a line has no width; remove it"
             ));
         }
     }
+    out.extend(particle_warnings::rare_checks(scene, built));
     loads(scene, built, &mut out);
     let last = built.run.time() + built.steps as f64 * built.run.dt();
     out.extend(drive::wide_turns(scene, last));
@@ -78,7 +79,7 @@ pub(super) fn warnings(scene: &LoweredScene, built: &Built) -> Vec<String> {
 }
 
 /// Returns "far below" or "far above" if the value lies outside of a range.
-fn far_outside(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
+pub(super) fn far_outside(x: f64, [low, high]: [f64; 2]) -> Option<&'static str> {
     match x {
         x if x < low => Some("far below"),
         x if x > high => Some("far above"),
@@ -106,45 +107,6 @@ fn materials(name: &str, table: &LoweredModel, out: &mut Vec<String>) {
                 range[0], range[1]
             ));
         }
-    }
-}
-
-fn strengths(scene: &LoweredScene, out: &mut Vec<String>) {
-    let beams = scene.model.values().filter(|m| kind(m.kind).has_spheres());
-    // Independent of the models the effect acts on, the softest beams give the largest strain.
-    let young = beams
-        .filter_map(|m| m.dem.young.or(Some(m.material?.young)))
-        .fold(f64::INFINITY, f64::min);
-    for (k, e) in scene.effect.iter().enumerate() {
-        let EffectKind::Fracture(f) = &e.kind else {
-            continue;
-        };
-        // A strength beside a fracture energy is the stress from which on beams soften.
-        let stress = f.gc.is_some() || f.criterion.is_some_and(is_of_stresses);
-        let strength = f.strength.map(|x| match stress {
-            true => ("strength", x, (x / young, BREAKING, "of Young's modulus")),
-            false => ("strength", x, (x, ENERGY, "J/m²")),
-        });
-        let gc = f.gc.map(|x| ("gc", x, (x, ENERGY, "J/m²")));
-        for (key, given, (x, range, what)) in [gc, strength].into_iter().flatten() {
-            let Some(far) = far_outside(x, range) else {
-                continue;
-            };
-            out.push(format!(
-                "effect[{k}].fracture: {key} = {given:e} is {x:.2e} {what}, {far} that of any solid ({:e} to {:e}); check the \
-                 unit",
-                range[0], range[1]
-            ));
-        }
-    }
-}
-
-/// Returns whether the strength of a criterion is a stress.
-fn is_of_stresses(criterion: CriterionKind) -> bool {
-    use CriterionKind::{Axial, Energy, Hydrostatic, Mises, Rankine, TensileEnergy};
-    match criterion {
-        Axial | Rankine | Mises | Hydrostatic => true,
-        Energy | TensileEnergy => false,
     }
 }
 

@@ -12,10 +12,10 @@ use super::faces::{Faces, corners_of};
 use super::interface::BuiltInterface;
 use super::load;
 use super::spread::{Carriers, Resultant, Traction, Wrench, make_up};
-use super::{names, select, time, weights};
+use super::{names, profile, select, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::setup::{BodyShape, LoweredScene};
-use crate::spec::Selection;
+use crate::spec::{Load, Selection};
 use arlequin::core::Weight;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -76,6 +76,8 @@ struct Shared<'a> {
     /// only; in a thin body this would include facets on a cut.
     skin: Faces,
     field: Traction,
+    /// True if the load has a profile.
+    profiled: bool,
     /// Prescribed force and moment.
     prescribed: Resultant,
 }
@@ -90,23 +92,32 @@ pub(super) fn loads(
     folder: &Path,
 ) -> Result<Vec<(usize, effect::Load<f64>)>> {
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
-    let time = time::time_function(&format!("{path}.time"), &l.time)?;
-    let shared = Shared::new(k, body, scene, (bodies, joints), folder)?;
-    let mut out = Vec::new();
-    // `factor` differs from one only in an overlap with a model that is no zone.
-    for part in shared.distribute()? {
-        if part.model != body {
-            not_twice(k, &part, scene, &bodies[part.model])?;
+    let mut out: BTreeMap<usize, effect::Load<f64>> = BTreeMap::new();
+    let (_, facets, _) = surface(k, scene, &bodies[body], folder)?;
+    let surface: Vec<_> = facets.iter().map(|f| (f.centre, f.area())).collect();
+    profile::check_steps(&path, l, &surface)?;
+    for (sample, time) in profile::samples(&path, l)? {
+        let shared = Shared::new((k, &sample), body, scene, (bodies, joints), folder)?;
+        // `factor` differs from one only in an overlap with a model that is no zone.
+        for part in shared.distribute()? {
+            if part.model != body {
+                not_twice(k, &part, scene, &bodies[part.model])?;
+            }
+            let factor = shared.load_factor(part.model, joints)?;
+            let forces = part.carriers.0.iter().flat_map(|(n, c)| {
+                let f = c.force * factor(&c.point);
+                (0..3).map(move |axis| (3 * n + axis, f[axis]))
+            });
+            let load = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
+            let load = load.map_err(core(&*shared.path))?;
+            let sum = match out.remove(&part.model) {
+                Some(sum) => sum.plus(load),
+                None => load,
+            };
+            out.insert(part.model, sum);
         }
-        let factor = shared.load_factor(part.model, joints)?;
-        let forces = part.carriers.0.iter().flat_map(|(n, c)| {
-            let f = c.force * factor(&c.point);
-            (0..3).map(move |axis| (3 * n + axis, f[axis]))
-        });
-        let load = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
-        out.push((part.model, load.map_err(core(&*shared.path))?));
     }
-    Ok(out)
+    Ok(out.into_iter().collect())
 }
 
 /// Refuses a load on a zone where a load on the body already acts: the zone would be loaded twice.
@@ -131,15 +142,20 @@ fn not_twice(k: usize, part: &Part, scene: &LoweredScene, body: &Body) -> Result
 
 impl<'a> Shared<'a> {
     fn new(
-        k: usize,
+        (k, l): (usize, &Load),
         body: usize,
         scene: &LoweredScene,
         (bodies, joints): (&'a [Body], &[BuiltInterface]),
         folder: &'a Path,
     ) -> Result<Self> {
-        let (path, l) = (format!("load[{k}]"), &scene.load[k]);
+        let path = format!("load[{k}]");
         let (group, facets, skin) = surface(k, scene, &bodies[body], folder)?;
-        let field = load::traction(&path, l, &facets)?;
+        let BodyShape::Piece(piece) = &bodies[body].shape else {
+            return Err(key(path, "is on a body without zones"));
+        };
+        let nodes = piece.whole(folder)?.nodes();
+        let corners = |k: usize| facets[k].nodes.iter().map(|n| nodes[*n]).collect();
+        let field = load::traction(&path, l, &facets, &corners)?;
         let prescribed = Resultant::of_facets(&facets, &field);
         let zones = names::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
@@ -157,6 +173,7 @@ impl<'a> Shared<'a> {
             folder,
             body,
             field,
+            profiled: l.profile.is_some(),
             prescribed,
         })
     }
@@ -246,7 +263,7 @@ impl<'a> Shared<'a> {
     /// Adds forces on the nodes of the parts, in proportion to area, with the missing resultant.
     fn make_up(&self, parts: &mut [Part], missing: Wrench) -> Result<()> {
         let carriers = parts.iter_mut().flat_map(|p| p.carriers.0.values_mut());
-        let remainder = make_up(&mut carriers.collect::<Vec<_>>(), missing);
+        let remainder = make_up(&mut carriers.collect::<Vec<_>>(), self.profiled, missing);
         let who = "the zones of the body have too few spheres or nodes at this surface to carry their share; take smaller \
                    spheres, or keep the zone and its overlap away from it";
         self.prescribed.enough(&self.path, who, &remainder)

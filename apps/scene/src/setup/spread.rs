@@ -123,20 +123,25 @@ impl Resultant {
     }
 }
 
-/// Adds forces `a (α + θ × (x − c))` on the carriers with areas `a`, the smallest ones with the missing
-/// resultant. Returns what is still missing: all of it without carriers, and a moment about a line on which
-/// all carriers lie.
-pub(super) fn make_up(carriers: &mut [&mut Carrier], missing: Wrench) -> Wrench {
-    let area: f64 = carriers.iter().map(|c| c.area).sum();
-    if area <= 0.0 {
+/// Adds forces `a (α + θ × (x − c))` on the carriers with weights `a`, the smallest ones with the missing
+/// resultant. The weights are areas, or forces for `profiled` loads, which act in places only. Returns what
+/// is still missing: all of it without carriers, and a moment about a line on which all carriers lie.
+pub(super) fn make_up(carriers: &mut [&mut Carrier], profiled: bool, missing: Wrench) -> Wrench {
+    let weights = carriers
+        .iter()
+        .map(|c| if profiled { c.force.norm() } else { c.area });
+    let weights: Vec<f64> = weights.collect();
+    let sum: f64 = weights.iter().sum();
+    if sum <= 0.0 {
         return missing;
     }
-    let (middle, polar) = polar(carriers.iter().map(|c| (c.point, c.area)));
+    let places = carriers.iter().zip(&weights).map(|(c, a)| (c.point, *a));
+    let (middle, polar) = polar(places);
     let moment = missing.moment - (middle - missing.about).cross(&missing.force);
-    let (along, turn) = (missing.force / area, turn(&polar, &moment));
+    let (along, turn) = (missing.force / sum, turn(&polar, &moment));
     let mut remainder = missing;
-    for c in carriers {
-        let more = (along + turn.cross(&(c.point - middle))) * c.area;
+    for (c, weight) in carriers.iter_mut().zip(weights) {
+        let more = (along + turn.cross(&(c.point - middle))) * weight;
         c.force += more;
         let mut added = Wrench::zero(remainder.about);
         added.add(&c.point, &more);

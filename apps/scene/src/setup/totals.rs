@@ -7,7 +7,7 @@
 
 use super::body::Body;
 use super::names::{loaded_parts, model_index};
-use super::{load, select, skin};
+use super::{load, profile, select, skin};
 use crate::error::{Result, core};
 use crate::setup::LoweredScene;
 use crate::spec::Load;
@@ -49,7 +49,9 @@ pub(super) fn collect(scene: &LoweredScene, bodies: &[Body]) -> Result<Vec<Total
             Some(facets) => facets.iter().map(|f| (f.centre, f.area())).collect(),
             None => match load::on_surface_of_spheres(l, body) {
                 Some(skin) => {
-                    let carriers = load::carriers(&path, l, body, skin)?.0;
+                    // The carriers of all samples are the same.
+                    let (sample, _) = &profile::samples(&path, l)?[0];
+                    let carriers = load::carriers(&path, sample, body, skin)?.0;
                     let points: Vec<_> = carriers.values().map(|c| c.point).collect();
                     let triangles = skin.select(&key_path, &l.model, &l.at, body.spacing)?;
                     bare = skin::bare_share(triangles, &points, body.spacing);

@@ -208,8 +208,11 @@ pub struct Load {
     /// Pressure against the outward normal \[Pa\].
     pub pressure: Option<f64>,
     /// Factor on `traction` or `pressure` by the place: an expression of `x`, `y` and `z` \[m\], such as
-    /// `"exp(-(x^2 + y^2)/(1e-3)^2)"` for a spot. Excludes `force` and `torque`. Default: 1 everywhere.
+    /// `"exp(-(x^2 + y^2)/(1e-3)^2)"` for a spot, and of `t` \[s\] with `profile_samples`. Excludes `force`
+    /// and `torque`. Default: 1 everywhere.
     pub profile: Option<String>,
+    /// Instants at which a profile with `t` is sampled; needed with `t`.
+    pub profile_samples: Option<ProfileSamples>,
     /// Lets the pressure turn with the surface of a solid and grow with its area; otherwise it keeps the
     /// direction and the area that the surface has at rest. Default: false.
     #[serde(default)]
@@ -220,6 +223,20 @@ pub struct Load {
     pub torque: Option<[f64; 3]>,
     /// Function of time.
     pub time: TimeShape,
+}
+
+/// Instants at which a profile that changes with time is sampled. It is linear between them and keeps its
+/// last value.
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[non_exhaustive]
+pub struct ProfileSamples {
+    /// Last instant \[s\]; the first one is 0.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub end: f64,
+    /// Number of samples, at equal distances.
+    #[schemars(range(min = 2, max = 10_000))]
+    pub count: usize,
 }
 
 /// `[[initial]]`: state of models at time zero.

@@ -14,7 +14,10 @@ pub(crate) mod sweep;
 mod wake;
 
 pub use body::{ZoneMediator, ZoneOverlap, ZoneShape, ZoneTable};
-pub use drive::{Axis, Field, Initial, Load, Motion, OutputField, Selection, Spin, Support, TimeShape, Wave};
+pub use drive::{
+    Axis, Field, Initial, Load, Motion, OutputField, ProfileSamples, Selection, Spin, Support, TimeShape,
+    Wave,
+};
 pub use effect::{Bearer, Contact, CriterionKind, Effect, EffectKind, Fracture, Obstacle, ObstacleShape};
 pub use follow::{Follow, FollowTable};
 pub use interface::{

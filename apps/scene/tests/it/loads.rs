@@ -71,7 +71,7 @@ type Asked = (&'static str, [f64; 3], [f64; 3], [f64; 3]);
 
 /// Loads on the end face with their force and moment: on the whole face, and on a box that cuts through zone
 /// and overlap.
-const LOADS: [Asked; 5] = [
+const LOADS: [Asked; 6] = [
     (
         "where = \"x-max\"\nforce = [0.02, 0.01, -0.03]",
         [6.0, 2.5, 2.5],
@@ -100,6 +100,13 @@ const LOADS: [Asked; 5] = [
         "where.box = { low = [5.5, 1.0, 2.0], high = [6.5, 5.0, 4.0] }\ntraction = [1e-3, 2e-3, -1e-3]",
         [6.0, 3.0, 3.0],
         [8e-3, 16e-3, -8e-3],
+        [0.0; 3],
+    ),
+    // The last load acts at t = 1.
+    (
+        "where = \"x-max\"\npressure = 2e-3\nprofile = \"t/2\"\nprofile_samples = { end = 2.0, count = 4 }",
+        [6.0, 2.5, 2.5],
+        [-0.025, 0.0, 0.0],
         [0.0; 3],
     ),
 ];

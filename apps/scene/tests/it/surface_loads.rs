@@ -218,7 +218,13 @@ fn a_pressure_may_have_a_profile() {
     let body = spot("y").replace("pressure = 1e-3", "force = [1.0, 0.0, 0.0]");
     assert!(refused(&body).contains("load[0].profile: is that of a traction or a pressure"));
     for (profile, words) in [
-        ("t", "knows no 't'; it knows x, y and z, the place in m"),
+        ("u", "knows no 'u'; it knows x, y and z, the place in m, and t"),
+        ("t", "load[0].profile_samples: is missing"),
+        ("step(y - 9)", "is zero on the whole surface"),
+        (
+            "exp(-((y - 1.31)^2 + (z - 0.93)^2)/0.03^2)",
+            "changes too much within a facet",
+        ),
         ("1/(x - 4)", "load[0].profile"),
         ("y +", "ends where"),
     ] {
@@ -228,6 +234,60 @@ fn a_pressure_may_have_a_profile() {
             "{message}"
         );
     }
+}
+
+/// A spot that runs along the face has the same force at all times, and its centre runs with it, on spheres
+/// and on finite elements.
+#[test]
+fn a_profile_may_change_with_time() {
+    let spot = |kind: &str, samples: &str| {
+        let keys =
+            format!("pressure = 1e-3\nprofile = \"exp(-(y - 1.0 - 2*t)^2/0.1)*(1 + 0*tan(t))\"\n{samples}");
+        let text = grains(BLOCK, &load(" = \"x-max\"", &keys)).replace("steps = 1", "end = 0.5");
+        match kind {
+            "fem" => text
+                .replace("\"dem\"", "\"fem\"")
+                .replace("dem.protocol = \"quench\"\n", ""),
+            _ => text,
+        }
+    };
+    for kind in ["dem", "fem"] {
+        let text = spot(kind, "profile_samples = { end = 0.6, count = 25 }");
+        let prepared = prepared(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let results = prepared.run(&mut Silent).expect("a run");
+        let column = |name: &str| results.probe(name).expect("a probe");
+        let (times, force) = column("force-x");
+        let (_, moment) = column("moment-z");
+        // `∫ exp(−s²/0.1) ds` over the face of height 2.
+        let wanted = -1e-3 * 2.0 * (0.1 * PI).sqrt();
+        assert!(times.len() > 5, "{kind}: {times:?}");
+        for ((t, f), m) in times.iter().zip(force).zip(moment) {
+            assert!((f / wanted - 1.0).abs() < 0.03, "{kind}: {f} for {wanted} at {t}");
+            let centre = -m / f;
+            assert!((centre - 1.0 - 2.0 * t).abs() < 0.03, "{kind}: {centre} at {t}");
+        }
+    }
+    for (samples, words) in [
+        (
+            "profile_samples = { end = 0.5, count = 1 }",
+            "profile_samples.count",
+        ),
+        (
+            "profile_samples = { end = 0.0, count = 5 }",
+            "profile_samples.end",
+        ),
+        (
+            "profile_samples = { end = 0.5, count = 3 }",
+            "is too small: straight lines",
+        ),
+    ] {
+        let message = refused(&spot("fem", samples));
+        assert!(message.contains(words), "{message}");
+    }
+    let still = spot("fem", "profile_samples = { end = 0.6, count = 25 }")
+        .replace("2*t", "2")
+        .replace("tan(t)", "1");
+    assert!(refused(&still).contains("is for a profile with t"));
 }
 
 /// Where a notch has taken half of a face, a traction on the whole face loads the other half with all of it.
