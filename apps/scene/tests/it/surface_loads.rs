@@ -247,12 +247,13 @@ fn a_profile_may_change_with_time() {
         match kind {
             "fem" => text
                 .replace("\"dem\"", "\"fem\"")
+                .replace("spacing = 0.5", "spacing = 0.25")
                 .replace("dem.protocol = \"quench\"\n", ""),
             _ => text,
         }
     };
     for kind in ["dem", "fem"] {
-        let text = spot(kind, "profile_samples = { end = 0.6, count = 25 }");
+        let text = spot(kind, "profile_samples = { end = 0.8, count = 33 }");
         let prepared = prepared(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         let results = prepared.run(&mut Silent).expect("a run");
         let column = |name: &str| results.probe(name).expect("a probe");
@@ -260,7 +261,7 @@ fn a_profile_may_change_with_time() {
         let (_, moment) = column("moment-z");
         // `∫ exp(−s²/0.1) ds` over the face of height 2.
         let wanted = -1e-3 * 2.0 * (0.1 * PI).sqrt();
-        assert!(times.len() > 5, "{kind}: {times:?}");
+        assert!(times.len() > 2, "{kind}: {times:?}");
         for ((t, f), m) in times.iter().zip(force).zip(moment) {
             assert!((f / wanted - 1.0).abs() < 0.03, "{kind}: {f} for {wanted} at {t}");
             let centre = -m / f;
@@ -284,7 +285,7 @@ fn a_profile_may_change_with_time() {
         let message = refused(&spot("fem", samples));
         assert!(message.contains(words), "{message}");
     }
-    let still = spot("fem", "profile_samples = { end = 0.6, count = 25 }")
+    let still = spot("fem", "profile_samples = { end = 0.8, count = 33 }")
         .replace("2*t", "2")
         .replace("tan(t)", "1");
     assert!(refused(&still).contains("is for a profile with t"));
