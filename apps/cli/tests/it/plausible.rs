@@ -385,13 +385,13 @@ fn coordinations_without_measured_beams_are_named() {
         (
             ", coordination = 5.7",
             gc,
-            "softer than material.young says, and what gc and strengths make",
+            "softer than material.young says, and what a strength or gc makes",
         ),
         (", coordination = 5.7, young = 2e11", "", ""),
         (
             ", coordination = 5.7, young = 2e11",
             gc,
-            "so that what gc and strengths make",
+            "so that what a strength or gc makes",
         ),
     ] {
         let texts = odd(dem, fracture);

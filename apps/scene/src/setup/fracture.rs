@@ -4,7 +4,7 @@
 use super::filling::beam;
 use super::names::effect_models;
 use super::packing::{PackingLine, Softening, Toughness};
-use crate::error::{Result, dem, key};
+use crate::error::{Result, dem, key, value};
 use crate::setup::{LoweredModel, LoweredScene};
 use crate::spec::{self, CriterionKind, Effect, EffectKind};
 use arlequin::dem_beam::fracture::{SharedLog, diameter_of_both, tensile_strength};
@@ -72,6 +72,10 @@ const SMALLEST: f64 = 1e-12;
 /// Checks the fracture that effect `k` gives to its models, as far as the size of the spheres does not enter.
 pub(super) fn check(k: usize, e: &Effect, f: &spec::Fracture, scene: &LoweredScene) -> Result<()> {
     let (path, models) = (format!("effect[{k}].fracture"), effect_models(k, e, scene)?);
+    if let (Some(_), Some(every @ 2..)) = (&scene.statics, f.every) {
+        let rule = "is for time steps: at rest, bonds are checked in every step of a relaxation; remove it";
+        return Err(value(format!("{path}.every"), every, rule));
+    }
     let mut tables = scene.model.iter().enumerate().filter(|(m, _)| models.contains(m));
     tables.try_for_each(|(_, (name, table))| {
         fracture(&path, f, (&format!("model.{name}"), table), table.spacing).map(|_| ())

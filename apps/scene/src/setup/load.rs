@@ -4,10 +4,11 @@ use super::body::Body;
 use super::drive::Chosen;
 use super::faces::Faces;
 use super::kinds::kind;
+use super::profile::{self, Patch};
+use super::select;
 use super::skin::{self, Skin};
 use super::spread::{Carrier, Carriers, Resultant, Traction, distribute, make_up, polar, turn};
 use super::time::time_function;
-use super::{profile, select};
 use crate::error::{Error, Result, core, key};
 use crate::setup::LoweredModel;
 use crate::spec::Load;
@@ -86,18 +87,22 @@ pub(super) fn check_follow(path: &str, l: &Load, table: &LoweredModel, shared: b
 
 /// Builds a load on one model that keeps the surface as it is at rest.
 pub(super) fn fixed(path: &str, name: &str, l: &Load, body: &Body) -> Result<effect::Load<f64>> {
-    let facets = select::facets(&format!("{path}.where"), body, &l.at)?;
-    let surface = match (&facets, on_surface_of_spheres(l, body)) {
-        (Some(facets), _) => facets.clone(),
-        (None, Some(skin)) => surface_of_spheres(path, l, body, skin)?
-            .iter()
-            .map(skin::facet)
-            .collect(),
-        _ => Vec::new(),
-    };
-    let surface: Vec<_> = surface.iter().map(|f| (f.centre, f.area())).collect();
-    profile::check_steps(path, l, &surface)?;
-    let corners = |nodes: &[usize]| nodes.iter().map(|n| body.model.nodes()[*n]).collect();
+    let nodes = body.model.nodes();
+    let mut facets = select::facets(&format!("{path}.where"), body, &l.at)?;
+    if let (Some(facets), Some(_)) = (&mut facets, &l.profile) {
+        let surface = Patch::from_facets(facets, nodes);
+        profile::check_samples(path, l, &surface, profile::AT_NODES)?;
+        *facets = profile::split(facets, nodes, profile::AT_NODES);
+    } else if let (Some(skin), Some(_)) = (on_surface_of_spheres(l, body), &l.profile) {
+        let patch = |t: &[Point3<f64>; 3]| Patch {
+            centre: skin::facet(t).centre,
+            corners: t.to_vec(),
+            area: skin::facet(t).area(),
+        };
+        let triangles = surface_of_spheres(path, l, body, skin)?;
+        let surface: Vec<Patch> = triangles.iter().map(patch).collect();
+        profile::check_samples(path, l, &surface, profile::AT_CENTRES)?;
+    }
     let build = |(l, time): (Load, TimeFunction<f64>)| {
         let Some(facets) = &facets else {
             return match on_surface_of_spheres(&l, body) {
@@ -105,7 +110,7 @@ pub(super) fn fixed(path: &str, name: &str, l: &Load, body: &Body) -> Result<eff
                 None => load_on_nodes(path, name, &l, body, time),
             };
         };
-        let field = traction(path, &l, facets, &|k| corners(&facets[k].nodes))?;
+        let field = traction(path, &l, facets)?;
         effect::Load::traction(name, facets.clone(), &*field, time).map_err(core(path))
     };
     let mut samples = profile::samples(path, l)?.into_iter();
@@ -155,16 +160,11 @@ fn following(path: &str, name: &str, pressure: f64, l: &Load, body: &Body) -> Re
     Ok(Box::new(pressure.map_err(core(path))?))
 }
 
-/// Traction of a load on the given facets \[Pa\]; `corners` returns those of facet `k`.
+/// Traction of a load on the given facets \[Pa\].
 ///
 /// # Errors
 /// Those of its profile, and of [`torque`].
-pub(super) fn traction(
-    path: &str,
-    l: &Load,
-    facets: &[SurfaceFacet<f64>],
-    corners: &dyn Fn(usize) -> Vec<Point3<f64>>,
-) -> Result<Traction> {
+pub(super) fn traction(path: &str, l: &Load, facets: &[SurfaceFacet<f64>]) -> Result<Traction> {
     let area: f64 = facets.iter().map(SurfaceFacet::area).sum();
     let field: Traction = if let Some(t) = l.traction {
         Box::new(move |_| Vector3::from(t))
@@ -175,7 +175,7 @@ pub(super) fn traction(
     } else {
         torque(path, Vector3::from(l.torque.unwrap_or_default()), facets)?
     };
-    profile::multiply(path, l, field, facets, corners)
+    profile::multiply(path, l, field, facets)
 }
 
 /// Returns the centre `c` and the vector `θ` with which forces `a θ × (x − c)` at points `x` have a given
@@ -244,7 +244,7 @@ pub(super) fn carriers(path: &str, l: &Load, body: &Body, skin: &Skin) -> Result
     let (name, key_path) = (body.model.name(), format!("{path}.where"));
     let triangles = surface_of_spheres(path, l, body, skin)?;
     let facets: Vec<SurfaceFacet<f64>> = triangles.iter().map(skin::facet).collect();
-    let field = traction(path, l, &facets, &|k| triangles[k].to_vec())?;
+    let field = traction(path, l, &facets)?;
     let prescribed = Resultant::of_facets(&facets, &field);
     let radii = &body.grid.radii;
     let gap = TOUCH * 0.5 * body.spacing;

@@ -11,12 +11,12 @@ const BREAKING: [f64; 2] = [1e-7, 1.0];
 /// Plausible energies per area at which a bond breaks \[J/m²\]: up to ten times that of the toughest metals,
 /// and below any strength in Pa.
 const ENERGY: [f64; 2] = [1e-3, 1e7];
-/// Coordination of the packings on which beams and fracture energies were measured, and difference from it that
-/// does not matter.
+/// Coordination of the packings on which beams and fracture energies were measured, and difference from it
+/// that does not matter.
 const MEASURED_COORDINATION: f64 = 6.2;
-const NEAR_COORDINATION: f64 = 0.1;
-/// Relative change of Young's modulus of a body per unit of coordination: 7.29e10, 8.10e10 and 8.94e10 Pa were
-/// measured at 6.2, 6.7 and 7.2.
+const NEAR_COORDINATION: f64 = 0.15;
+/// Relative change of Young's modulus of a body per unit of coordination: 7.29e10, 8.10e10 and 8.94e10 Pa
+/// were measured at 6.2, 6.7 and 7.2.
 const PER_BOND: f64 = 0.22;
 
 /// Warns about a coordination for which the beams that follow from the material were not measured. A zone's
@@ -33,13 +33,17 @@ pub(super) fn coordination(name: &str, table: &LoweredModel, brittle: bool) -> O
     let what = match (is_fitted, brittle) {
         _ if difference.abs() <= NEAR_COORDINATION => return None,
         (true, false) => return None,
-        (true, true) => "what gc and strengths make of the body is not known".to_owned(),
+        (true, true) => "what a strength or gc makes of the body is not known".to_owned(),
         (false, false) => stiffness,
-        (false, true) => format!("{stiffness}, and what gc and strengths make of it is not known"),
+        (false, true) => format!("{stiffness}, and what a strength or gc makes of it is not known"),
+    };
+    let remedy = match brittle {
+        true => "measure with arlequin calibrate, --strength or --toughness for fracture",
+        false => "measure with arlequin calibrate and give dem.young, dem.poisson and dem.radius_ratio",
     };
     Some(format!(
         "model '{name}': dem.coordination = {z}: beams were measured at {MEASURED_COORDINATION} bonds per particle, so that {what}; \
-         remove it, or measure with arlequin calibrate and give dem.young, dem.poisson and dem.radius_ratio"
+         remove it, or {remedy}"
     ))
 }
 
@@ -84,8 +88,8 @@ pub(super) fn rare_checks(scene: &LoweredScene, built: &Built) -> Vec<String> {
     let steps = built.steps * own_steps.unwrap_or(1);
     let warning = |(k, e): (usize, &Effect)| {
         match &e.kind {
-        EffectKind::Fracture(f) => f.every.filter(|every| *every > steps).map(|every| {
-            format!("effect[{k}].fracture.every = {every}: the run has {steps} steps, so that no bond is checked; lower it")
+        EffectKind::Fracture(f) if e.enabled => f.every.filter(|every| *every > steps).map(|every| {
+            format!("effect[{k}].fracture.every = {every}: the run has {steps} own steps of the particles, so that no bond is checked; lower it")
         }),
         _ => None,
     }

@@ -4,9 +4,9 @@ use super::bounds::Bound;
 use super::built::{Built, ModelInfo};
 use super::drive;
 use super::names::effect_models;
-use super::particle_warnings;
 use super::shapes::corners;
 use super::time::time_function;
+use super::{particle_warnings, profile};
 use crate::setup::{LoweredModel, LoweredScene, OverlapSource};
 use crate::spec::{Effect, EffectKind, OverlapShape, RegionShape, TimeShape};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -67,6 +67,7 @@ pub(super) fn warnings(scene: &LoweredScene, built: &Built) -> Vec<String> {
     }
     out.extend(particle_warnings::rare_checks(scene, built));
     loads(scene, built, &mut out);
+    out.extend(profile::warnings(scene, end(built)));
     let last = built.run.time() + built.steps as f64 * built.run.dt();
     out.extend(drive::wide_turns(scene, last));
     overlaps(scene, built, &mut out);
@@ -185,13 +186,18 @@ fn loads(scene: &LoweredScene, built: &Built, out: &mut Vec<String>) {
     prescribed(scene, built, &names, out);
 }
 
+/// Last instant of the run, or of the load steps \[s\].
+fn end(built: &Built) -> f64 {
+    match &built.load_steps {
+        Some(l) => l.times.last().copied().unwrap_or_default(),
+        None => built.run.time() + built.steps as f64 * built.run.dt(),
+    }
+}
+
 /// Returns the largest size of a function of time, and of its slope \[1/s\], that of a jump left out.
 /// Formulas and tables are judged up to the end of the run, formulas as linear between samples.
 fn peaks(shape: &TimeShape, built: &Built) -> [f64; 2] {
-    let end = match &built.load_steps {
-        Some(l) => l.times.last().copied().unwrap_or_default(),
-        None => built.run.time() + built.steps as f64 * built.run.dt(),
-    };
+    let end = end(built);
     let mut times: Vec<f64> = (0..=SAMPLES)
         .map(|k| end * f64::from(k) / f64::from(SAMPLES))
         .collect();

@@ -1,21 +1,24 @@
 //! Profiles of tractions and pressures: factors by the place, and by time if they are sampled.
 //!
-//! A profile `p(x, t)` becomes a sum of profiles that stand still, `p(x, t) ≈ Σ h_k(t) p(x, t_k)` with the hat
-//! functions `h_k` of the samples, so that the load has its exact force and moment at every sample.
+//! A profile `p(x, t)` becomes a sum of profiles that stand still, `p(x, t) ≈ Σ h_k(t) p(x, t_k)` with the
+//! hat functions `h_k` of the samples, so that the load has its exact force and moment at every sample.
 
 use super::formula;
 use super::spread::Traction;
 use super::time::time_function;
-use crate::error::{Error, Result, key, value};
+use crate::error::{Result, key, value};
+use crate::setup::LoweredScene;
 use crate::spec::{Load, ProfileSamples};
 use arlequin::core::effect::SurfaceFacet;
-use arlequin::core::nalgebra::{Point3, center};
+use arlequin::core::nalgebra::Point3;
 use arlequin::core::{Formula, TimeFunction};
 
 /// Largest share of a load that may be lost or gained between its samples, in space or time.
 const COARSE: f64 = 0.1;
+/// Share of a run that may lie behind the last sample without a warning: runs end a step or two late.
+const EARLY: f64 = 0.01;
 /// Largest number of samples in time.
-const MOST: usize = 10_000;
+const MOST: usize = 1000;
 
 /// Refuses a profile that cannot be read, belongs to no traction or is not sampled.
 pub(super) fn check(path: &str, l: &Load) -> Result<()> {
@@ -51,8 +54,8 @@ pub(super) fn check(path: &str, l: &Load) -> Result<()> {
     Ok(())
 }
 
-/// Splits a load into loads whose profiles stand still, each with the function of time on it. Before the first
-/// sample and behind the last one the profile does not change.
+/// Splits a load into loads whose profiles stand still, each with the function of time on it. Behind the last
+/// sample the profile does not change.
 ///
 /// # Errors
 /// Those of the time function.
@@ -62,8 +65,8 @@ pub(super) fn samples(path: &str, l: &Load) -> Result<Vec<(Load, TimeFunction<f6
         return Ok(vec![(l.clone(), time)]);
     };
     let last = (count - 1) as f64;
-    let samples = (0..count).map(|k| {
-        let text = formula::with_time(text, end * k as f64 / last);
+    let samples = instants(l).into_iter().enumerate().map(|(k, instant)| {
+        let text = formula::with_time(text, instant);
         let time = time.clone();
         let factor = move |t: f64| {
             let hat = 1.0 - ((t / end * last).clamp(0.0, last) - k as f64).abs();
@@ -78,97 +81,190 @@ pub(super) fn samples(path: &str, l: &Load) -> Result<Vec<(Load, TimeFunction<f6
     Ok(samples.collect())
 }
 
-/// Refuses samples that do not follow a profile: halfway between two instants, straight lines lose or gain too
-/// much on the loaded surface, given by points and their areas \[m²\].
-pub(super) fn check_steps(path: &str, l: &Load, surface: &[(Point3<f64>, f64)]) -> Result<()> {
-    let (Some(text), Some(ProfileSamples { end, count })) = (&l.profile, l.profile_samples) else {
+/// Distance of the points at which a profile is read from the centre of a facet, over that of its corners:
+/// for triangles and for quadrilaterals. Values there times the shares of the nodes are `∫ N_i p dA` for
+/// linear `p`.
+pub(super) const AT_NODES: [f64; 2] = [1.0 / 4.0, 1.0 / 3.0];
+/// The same for points whose values times equal shares have the force and moment of a linear profile.
+pub(super) const GAUSS: [f64; 2] = [0.5, 0.577_350_269_189_625_8];
+/// The same for facets that have the value of their centre.
+pub(super) const AT_CENTRES: [f64; 2] = [0.0; 2];
+
+/// Splits facets into the shares of their nodes, so that a load may change within a facet.
+pub(super) fn split(
+    facets: &[SurfaceFacet<f64>],
+    nodes: &[Point3<f64>],
+    reach: [f64; 2],
+) -> Vec<SurfaceFacet<f64>> {
+    let parts = facets.iter().flat_map(|f| {
+        let reach = reach[usize::from(f.nodes.len() > 3)];
+        f.nodes.iter().zip(&f.shares).map(move |(n, share)| SurfaceFacet {
+            nodes: vec![*n],
+            shares: vec![*share],
+            centre: f.centre + (nodes[*n] - f.centre) * reach,
+            normal: f.normal,
+        })
+    });
+    parts.collect()
+}
+
+/// A facet of a loaded surface: centre, corners \[m\] and area \[m²\].
+pub(super) struct Patch {
+    pub(super) centre: Point3<f64>,
+    pub(super) corners: Vec<Point3<f64>>,
+    pub(super) area: f64,
+}
+
+impl Patch {
+    /// Patches of facets whose corners are nodes.
+    pub(super) fn from_facets(facets: &[SurfaceFacet<f64>], nodes: &[Point3<f64>]) -> Vec<Self> {
+        let patch = |f: &SurfaceFacet<f64>| Self {
+            centre: f.centre,
+            corners: f.nodes.iter().map(|n| nodes[*n]).collect(),
+            area: f.area(),
+        };
+        facets.iter().map(patch).collect()
+    }
+
+    /// Integral of a function by the points at which the load reads it.
+    fn coarse(&self, reach: [f64; 2], f: &impl Fn(&Point3<f64>) -> f64) -> f64 {
+        let reach = reach[usize::from(self.corners.len() > 3)];
+        let sum = self
+            .corners
+            .iter()
+            .map(|x| f(&(self.centre + (x - self.centre) * reach)));
+        sum.sum::<f64>() / self.corners.len() as f64 * self.area
+    }
+
+    /// Integral of a function by three times as many points, at distances that no regular wave has.
+    fn fine(&self, f: &impl Fn(&Point3<f64>) -> f64) -> f64 {
+        let (c, count) = (self.centre, self.corners.len());
+        let sums = (0..count).map(|i| {
+            let [a, b] = [i, (i + 1) % count].map(|k| self.corners[k] - c);
+            f(&(c + a * 0.72)) + f(&(c + a * 0.30)) + f(&(c + (a + b) * 0.41))
+        });
+        sums.sum::<f64>() / (3 * count) as f64 * self.area
+    }
+}
+
+/// Refuses a profile that is zero on the whole surface, or that is lost between the points and instants at
+/// which the load reads it. Errors count by the load of all samples together: a spot may enter and leave the
+/// surface.
+pub(super) fn check_samples(path: &str, l: &Load, surface: &[Patch], reach: [f64; 2]) -> Result<()> {
+    let Some(text) = &l.profile else { return Ok(()) };
+    let key_path = format!("{path}.profile");
+    let [mut size, mut net, mut random] = [0.0_f64; 3];
+    let times = instants(l);
+    // A few dozen instants tell whether the profile is too narrow.
+    for time in times.iter().step_by(1 + times.len() / 40) {
+        let profile = formula::profile(&key_path, &formula::with_time(text, *time))?;
+        let [mut sum, mut squares] = [0.0_f64; 2];
+        for patch in surface {
+            let [coarse, fine] = [patch.coarse(reach, &profile), patch.fine(&profile)];
+            size += coarse.abs().max(fine.abs());
+            sum += coarse - fine;
+            squares += (coarse - fine).powi(2);
+        }
+        net += sum.abs();
+        random += squares.sqrt();
+    }
+    if size <= 0.0 {
+        let rule = "is zero on the whole surface, so that the load does nothing; shift or widen it";
+        return Err(value(key_path, format_args!("\"{text}\""), rule));
+    }
+    // What is not finite is refused by its place.
+    if net.max(random) > COARSE * size {
+        let rule = format!(
+            "changes too much within the facets of the surface (half a diameter on particles, elements on a body): {:.0} % of the load \
+             would be lost or moved; widen it, or take smaller ones",
+            100.0 * net.max(random) / size
+        );
+        return Err(value(key_path, format_args!("\"{text}\""), &rule));
+    }
+    check_steps(path, l, surface, &times)
+}
+
+/// Instants at which a profile is sampled \[s\].
+fn instants(l: &Load) -> Vec<f64> {
+    match l.profile_samples {
+        Some(ProfileSamples { end, count }) => {
+            (0..count).map(|k| end * k as f64 / (count - 1) as f64).collect()
+        }
+        None => vec![0.0],
+    }
+}
+
+/// Refuses instants between which straight lines miss too much of a profile.
+fn check_steps(path: &str, l: &Load, surface: &[Patch], times: &[f64]) -> Result<()> {
+    let (Some(text), true) = (&l.profile, times.len() > 1) else {
         return Ok(());
     };
-    // Every point of a large surface would take long for many samples.
-    let some = surface.iter().step_by(1 + surface.len() / 1000);
-    let values = |half_steps: usize| -> Result<Vec<f64>> {
-        let text = formula::with_time(text, 0.5 * end * half_steps as f64 / (count - 1) as f64);
-        let profile = formula::profile(&format!("{path}.profile"), &text)?;
-        Ok(some.clone().map(|(x, area)| profile(x) * area).collect())
+    // Every facet of a large surface would take long for many samples.
+    let some = surface.iter().step_by(1 + surface.len() / 500);
+    let values = |time: f64| -> Result<Vec<f64>> {
+        let profile = formula::profile(&format!("{path}.profile"), &formula::with_time(text, time))?;
+        Ok(some.clone().map(|s| s.coarse(AT_CENTRES, &profile)).collect())
     };
-    let size = |values: &[f64]| values.iter().map(|x| x.abs()).sum::<f64>();
-    let mut before = values(0)?;
-    let (mut missed, mut largest) = (0.0_f64, size(&before));
-    for k in 1..count {
-        let [between, after] = [values(2 * k - 1)?, values(2 * k)?];
-        let lines = before.iter().zip(&after).map(|(a, b)| 0.5 * (a + b));
-        missed = missed.max(lines.zip(&between).map(|(line, x)| (line - x).abs()).sum());
-        largest = largest.max(size(&between)).max(size(&after));
+    let [mut missed, mut size] = [0.0_f64; 2];
+    let mut before = values(times[0])?;
+    for pair in times.windows(2) {
+        let after = values(pair[1])?;
+        // Not halfway alone: a wave with whole periods between samples may vanish there.
+        for part in [0.29, 0.5, 0.62] {
+            let between = values(pair[0] + part * (pair[1] - pair[0]))?;
+            let lines = before.iter().zip(&after).map(|(a, b)| a + part * (b - a));
+            missed += lines.zip(&between).map(|(line, x)| (line - x).abs()).sum::<f64>();
+            size += between.iter().map(|x| x.abs()).sum::<f64>();
+        }
         before = after;
     }
-    if largest <= 0.0 {
-        return Err(zero(path, text));
-    }
-    if missed <= COARSE * largest {
+    if missed <= COARSE * size {
         return Ok(());
     }
     let rule = format!(
-        "is too small: straight lines between the samples miss {:.0} % of the largest load; try {:.0}",
-        100.0 * missed / largest,
-        // The error of straight lines falls with the square of their length.
-        (count as f64 * (missed / (COARSE * largest)).sqrt()).ceil()
+        "is too small: straight lines between the samples miss {:.0} % of the load; take more of them, or put what jumps or swings as a \
+         whole into time",
+        100.0 * missed / size
     );
-    Err(value(format!("{path}.profile_samples.count"), count, &rule))
+    Err(value(format!("{path}.profile_samples.count"), times.len(), &rule))
 }
 
-fn zero(path: &str, text: &str) -> Error {
-    let rule = "is zero on the whole surface, so that the load does nothing; shift or widen it";
-    value(format!("{path}.profile"), format_args!("\"{text}\""), rule)
+/// Warns about profiles that are sampled up to an instant before the end of the run \[s\].
+pub(super) fn warnings(scene: &LoweredScene, end: f64) -> Vec<String> {
+    let warning = |(k, l): (usize, &Load)| {
+        let sampled = l.profile_samples?.end;
+        (sampled < end * (1.0 - EARLY)).then(|| {
+            format!(
+                "load[{k}].profile_samples.end = {sampled:.3e} s: the profile stays as it is then up to the end, {end:.3e} s; sample it up \
+                 to the end if this is not meant"
+            )
+        })
+    };
+    scene.load.iter().enumerate().filter_map(warning).collect()
 }
 
-/// Multiplies a traction by the profile of its load, sampled at the centres of facets. `corners` returns those
-/// of facet `k`.
+/// Multiplies a traction by the profile of its load, read at the centres of facets.
 ///
 /// # Errors
-/// A profile that is not finite at a facet, is zero on all, or is too narrow for their size.
+/// A profile that is not finite there.
 pub(super) fn multiply(
     path: &str,
     l: &Load,
     field: Traction,
     facets: &[SurfaceFacet<f64>],
-    corners: &dyn Fn(usize) -> Vec<Point3<f64>>,
 ) -> Result<Traction> {
     let Some(text) = &l.profile else {
         return Ok(field);
     };
-    let key_path = format!("{path}.profile");
-    let profile = formula::profile(&key_path, text)?;
+    let path = format!("{path}.profile");
+    let profile = formula::profile(&path, text)?;
     if let Some(f) = facets.iter().find(|f| !profile(&f.centre).is_finite()) {
         let rule = format!(
             "is {} at {:?} m; give one that is finite on the surface",
             profile(&f.centre),
             f.centre.coords.as_slice()
         );
-        return Err(value(key_path, format_args!("\"{text}\""), &rule));
-    }
-    // Sums over the centres, and over points halfway to the corners; their sizes without signs.
-    let [mut coarse, mut fine, mut size] = [0.0_f64; 3];
-    for (k, f) in facets.iter().enumerate() {
-        let corners = corners(k);
-        let halfway = corners.iter().map(|x| profile(&center(x, &f.centre)));
-        let [middle, halfway] = [
-            profile(&f.centre),
-            halfway.sum::<f64>() / corners.len().max(1) as f64,
-        ];
-        coarse += middle * f.area();
-        fine += halfway * f.area();
-        size += middle.abs().max(halfway.abs()) * f.area();
-    }
-    // A sample in time may be zero, a load that stands still may not.
-    if size <= 0.0 && l.profile_samples.is_none() {
-        return Err(zero(path, text));
-    }
-    if (coarse - fine).abs() > COARSE * size {
-        let rule = format!(
-            "changes too much within a facet of the surface (half a diameter on particles): its integral is {coarse:.3e} m2 by the \
-             centres of the facets and {fine:.3e} m2 by points between; widen it, or take smaller elements or spheres"
-        );
-        return Err(value(key_path, format_args!("\"{text}\""), &rule));
+        return Err(value(path, format_args!("\"{text}\""), &rule));
     }
     Ok(Box::new(move |f| field(f) * profile(&f.centre)))
 }

@@ -11,8 +11,9 @@ use super::body::Body;
 use super::faces::{Faces, corners_of};
 use super::interface::BuiltInterface;
 use super::load;
+use super::profile::{self, Patch};
 use super::spread::{Carriers, Resultant, Traction, Wrench, make_up};
-use super::{names, profile, select, weights};
+use super::{names, select, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::setup::{BodyShape, LoweredScene};
 use crate::spec::{Load, Selection};
@@ -43,13 +44,7 @@ impl Part {
     }
 
     /// Adds tractions on facets, multiplied by a share at the centres of the facets.
-    fn carry<'b>(
-        &mut self,
-        body: &Body,
-        facets: impl Iterator<Item = &'b SurfaceFacet<f64>>,
-        field: &Traction,
-        share: &Share<'_>,
-    ) {
+    fn carry(&mut self, body: &Body, facets: &[SurfaceFacet<f64>], field: &Traction, share: &Share<'_>) {
         for f in facets {
             let (t, w) = (field(f), share(&f.centre));
             for (n, a) in f.nodes.iter().zip(&f.shares) {
@@ -94,8 +89,10 @@ pub(super) fn loads(
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
     let mut out: BTreeMap<usize, effect::Load<f64>> = BTreeMap::new();
     let (_, facets, _) = surface(k, scene, &bodies[body], folder)?;
-    let surface: Vec<_> = facets.iter().map(|f| (f.centre, f.area())).collect();
-    profile::check_steps(&path, l, &surface)?;
+    if let (BodyShape::Piece(piece), Some(_)) = (&bodies[body].shape, &l.profile) {
+        let surface = Patch::from_facets(&facets, piece.whole(folder)?.nodes());
+        profile::check_samples(&path, l, &surface, profile::GAUSS)?;
+    }
     for (sample, time) in profile::samples(&path, l)? {
         let shared = Shared::new((k, &sample), body, scene, (bodies, joints), folder)?;
         // `factor` differs from one only in an overlap with a model that is no zone.
@@ -149,13 +146,11 @@ impl<'a> Shared<'a> {
         folder: &'a Path,
     ) -> Result<Self> {
         let path = format!("load[{k}]");
-        let (group, facets, skin) = surface(k, scene, &bodies[body], folder)?;
-        let BodyShape::Piece(piece) = &bodies[body].shape else {
-            return Err(key(path, "is on a body without zones"));
-        };
-        let nodes = piece.whole(folder)?.nodes();
-        let corners = |k: usize| facets[k].nodes.iter().map(|n| nodes[*n]).collect();
-        let field = load::traction(&path, l, &facets, &corners)?;
+        let (group, mut facets, skin) = surface(k, scene, &bodies[body], folder)?;
+        if let (BodyShape::Piece(piece), Some(_)) = (&bodies[body].shape, &l.profile) {
+            facets = profile::split(&facets, piece.whole(folder)?.nodes(), profile::GAUSS);
+        }
+        let field = load::traction(&path, l, &facets)?;
         let prescribed = Resultant::of_facets(&facets, &field);
         let zones = names::parts(scene, body);
         let zones = zones[1..].iter().filter_map(|z| {
@@ -179,11 +174,16 @@ impl<'a> Shared<'a> {
     }
 
     /// Facets of a model on the loaded surface.
-    fn facets_of<'b>(&'b self, body: &'b Body) -> impl Iterator<Item = &'b SurfaceFacet<f64>> {
+    fn facets_of(&self, body: &Body) -> Vec<SurfaceFacet<f64>> {
         let facets = body.surfaces.get(&self.group).into_iter().flatten();
         // The distance leaves out facets on a cut, of which only the corners lie on the surface.
         let reach = SKIN * body.spacing;
-        facets.filter(move |f| self.skin.distance(&f.centre) <= reach)
+        let facets = facets.filter(|f| self.skin.distance(&f.centre) <= reach);
+        let facets: Vec<_> = facets.cloned().collect();
+        match self.profiled {
+            true => profile::split(&facets, body.model.nodes(), profile::AT_NODES),
+            false => facets,
+        }
     }
 
     /// Distributes the load over the models; the sum is the prescribed load.
@@ -191,7 +191,7 @@ impl<'a> Shared<'a> {
         let mut body_part = Part::new(self.body);
         let body = &self.bodies[self.body];
         let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.value(x)).sum::<f64>();
-        body_part.carry(body, self.facets_of(body), &self.field, &coarse);
+        body_part.carry(body, &self.facets_of(body), &self.field, &coarse);
         let mut zones = Vec::new();
         for (z, f) in &self.zones {
             let fine = |x: &Point3<f64>| 1.0 - f.value(x);
@@ -203,7 +203,7 @@ impl<'a> Shared<'a> {
                 }
                 _ => {
                     let mut part = Part::new(*z);
-                    part.carry(body, self.facets_of(body), &self.field, &fine);
+                    part.carry(body, &self.facets_of(body), &self.field, &fine);
                     part
                 }
             };

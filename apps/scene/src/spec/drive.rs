@@ -235,7 +235,7 @@ pub struct ProfileSamples {
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub end: f64,
     /// Number of samples, at equal distances.
-    #[schemars(range(min = 2, max = 10_000))]
+    #[schemars(range(min = 2, max = 1000))]
     pub count: usize,
 }
 

@@ -400,3 +400,25 @@ fn the_tables_of_shipped_scenes_are_taken() {
         assert!(checked.is_ok(), "{}: {checked:?}", path.display());
     }
 }
+
+/// At rest, a bond that is not checked would bear any load.
+#[test]
+fn bonds_at_rest_are_checked_in_every_step() {
+    let text = |every: &str| {
+        format!(
+            "[model.rock]\nkind = \"dem\"\nspacing = 0.5e-3\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [6e-3, 5e-3, 5e-3] }}\n\
+             material = {{ young = 75e9, poisson = 0.17, density = 2200.0 }}\n\
+             [[support]]\nmodel = \"rock\"\nwhere = \"x-min\"\n[[effect]]\nfracture = {{ gc = 8.0{every} }}\n[static]\nsteps = 2\n"
+        )
+    };
+    refused(
+        &text(", every = 2"),
+        "effect[0].fracture.every",
+        &["2", "in every step of a relaxation"],
+    );
+    for good in ["", ", every = 1"] {
+        Scene::from_text(text(good))
+            .and_then(|s| s.prepare())
+            .expect("a scene");
+    }
+}
