@@ -25,6 +25,7 @@ mod own_steps;
 mod packings;
 mod pairs;
 mod plausible;
+mod plausible_particles;
 mod ranges;
 mod resume;
 mod scenes;

@@ -85,9 +85,9 @@ pub(super) fn samples(path: &str, l: &Load) -> Result<Vec<(Load, TimeFunction<f6
 /// for triangles and for quadrilaterals. Values there times the shares of the nodes are `∫ N_i p dA` for
 /// linear `p`.
 pub(super) const AT_NODES: [f64; 2] = [1.0 / 4.0, 1.0 / 3.0];
-/// The same for points whose values times equal shares have the force and moment of a linear profile.
+/// Distances of points whose values times equal shares have the force and moment of a linear profile.
 pub(super) const GAUSS: [f64; 2] = [0.5, 0.577_350_269_189_625_8];
-/// The same for facets that have the value of their centre.
+/// Distances for facets that have the value of their centre.
 pub(super) const AT_CENTRES: [f64; 2] = [0.0; 2];
 
 /// Splits facets into the shares of their nodes, so that a load may change within a facet.
