@@ -38,7 +38,7 @@ time = "step"
 end = 30e-6
 "#;
 
-pub fn warnings(folder: &Path, scene: &str, sets: &[&str]) -> Vec<String> {
+pub(crate) fn warnings(folder: &Path, scene: &str, sets: &[&str]) -> Vec<String> {
     let path = folder.join("scene.toml");
     std::fs::write(&path, scene).expect("scene");
     file_warnings(&path, sets)

@@ -87,12 +87,14 @@ pub(super) fn rare_checks(scene: &LoweredScene, built: &Built) -> Vec<String> {
     let own_steps = built.run.subdomains().iter().map(|s| s.own_steps()).max();
     let steps = built.steps * own_steps.unwrap_or(1);
     let warning = |(k, e): (usize, &Effect)| {
-        match &e.kind {
-        EffectKind::Fracture(f) if e.enabled => f.every.filter(|every| *every > steps).map(|every| {
-            format!("effect[{k}].fracture.every = {every}: the run has {steps} own steps of the particles, so that no bond is checked; lower it")
-        }),
-        _ => None,
-    }
+        let EffectKind::Fracture(f) = &e.kind else {
+            return None;
+        };
+        let every = f.every.filter(|every| e.enabled && *every > steps)?;
+        Some(format!(
+            "effect[{k}].fracture.every = {every}: the run has {steps} own steps of the particles, so that no bond is checked; \
+             lower it"
+        ))
     };
     scene.effect.iter().enumerate().filter_map(warning).collect()
 }

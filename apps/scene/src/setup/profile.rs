@@ -172,7 +172,6 @@ pub(super) fn check_samples(path: &str, l: &Load, surface: &[Patch], reach: [f64
         let rule = "is zero on the whole surface, so that the load does nothing; shift or widen it";
         return Err(value(key_path, format_args!("\"{text}\""), rule));
     }
-    // What is not finite is refused by its place.
     if net.max(random) > COARSE * size {
         let rule = format!(
             "changes too much within the facets of the surface (half a diameter on particles, elements on a body): {:.0} % of the load \
@@ -218,7 +217,8 @@ fn check_steps(path: &str, l: &Load, surface: &[Patch], times: &[f64]) -> Result
         }
         before = after;
     }
-    if missed <= COARSE * size {
+    // What is not finite is refused with its place.
+    if missed.is_nan() || missed <= COARSE * size {
         return Ok(());
     }
     let rule = format!(

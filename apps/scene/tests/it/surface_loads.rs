@@ -195,6 +195,18 @@ fn surfaces_without_spheres_are_refused_by_name() {
     assert!(e.contains("too few spheres of model 'rock' touch 'x-max'"), "{e}");
 }
 
+/// The force of a load needs no centre of a sphere in its box, which holds the surface alone.
+#[test]
+fn the_force_on_a_thin_box_is_read() {
+    let face = ".box = { low = [3.9, 0.5, -1.0], high = [4.1, 2.5, 3.0] }";
+    let text = grains(BLOCK, &load(face, "pressure = 1e-3")).replace("about = [0.0, 0.0, 0.0]\n", "");
+    let moments = text.find("[probe.moment-x]").expect("probes of moments");
+    let ready = prepared(&text[..moments]).unwrap_or_else(|e| panic!("{e}"));
+    let results = ready.run(&mut Silent).expect("a run");
+    let force = results.probe("force-x").expect("a probe").1[0];
+    assert!((force / -4e-3 - 1.0).abs() < 1e-9, "{force}");
+}
+
 /// A pressure with a profile has the force and moment of its integral over the face, and acts where the
 /// profile says.
 #[test]

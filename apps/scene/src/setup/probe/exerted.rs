@@ -212,7 +212,9 @@ impl Exerted {
         restrict(path, probe, scene, &mut bearers)?;
         let about = match probe.about.or(bearers.centre) {
             Some(point) => Point3::from(point),
-            None => centroid(path, &bearers.parts, bodies)?,
+            None if probe.quantity == Quantity::Moment => centroid(path, &bearers.parts, bodies)?,
+            // A force has no point of reference, and a loaded surface of spheres may hold no centre.
+            None => Point3::origin(),
         };
         Ok(Self {
             name: name.to_owned(),
