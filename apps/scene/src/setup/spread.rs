@@ -190,3 +190,38 @@ pub(super) fn distribute(
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a profiled load lacks is added where it acts; other loads lack it everywhere.
+    #[test]
+    fn a_profiled_load_is_made_up_where_it_acts() {
+        let carriers = || {
+            [0.0, 1.0, 2.0, 3.0, 4.0].map(|x| Carrier {
+                point: Point3::new(x, x * x, 0.3 * x),
+                area: 1.0,
+                force: if x < 3.0 { Vector3::z() } else { Vector3::zeros() },
+            })
+        };
+        let about = Point3::new(1.0, 0.5, 0.0);
+        for profiled in [true, false] {
+            let (mut changed, before) = (carriers(), carriers());
+            let [force, moment] = [Vector3::new(0.2, -0.1, 0.3), Vector3::new(0.1, 0.2, -0.3)];
+            let missing = Wrench { about, force, moment };
+            let remainder = make_up(&mut changed.iter_mut().collect::<Vec<_>>(), profiled, missing);
+            assert!(
+                remainder.force.norm() + remainder.moment.norm() < 1e-12,
+                "{remainder:?}"
+            );
+            let mut added = Wrench::zero(about);
+            for (a, b) in changed.iter().zip(&before) {
+                added.add(&a.point, &(a.force - b.force));
+            }
+            assert!((added.force - force).norm() < 1e-12 && (added.moment - moment).norm() < 1e-12);
+            let idle = changed[3..].iter().map(|c| c.force.norm()).sum::<f64>();
+            assert_eq!(idle > 0.0, !profiled, "{idle}");
+        }
+    }
+}

@@ -71,7 +71,7 @@ type Asked = (&'static str, [f64; 3], [f64; 3], [f64; 3]);
 
 /// Loads on the end face with their force and moment: on the whole face, and on a box that cuts through zone
 /// and overlap.
-const LOADS: [Asked; 6] = [
+const LOADS: [Asked; 7] = [
     (
         "where = \"x-max\"\nforce = [0.02, 0.01, -0.03]",
         [6.0, 2.5, 2.5],
@@ -100,6 +100,13 @@ const LOADS: [Asked; 6] = [
         "where.box = { low = [5.5, 1.0, 2.0], high = [6.5, 5.0, 4.0] }\ntraction = [1e-3, 2e-3, -1e-3]",
         [6.0, 3.0, 3.0],
         [8e-3, 16e-3, -8e-3],
+        [0.0; 3],
+    ),
+    // `∫ y dA` = 62.5 over the face of 5 by 5, about its centre of pressure.
+    (
+        "where = \"x-max\"\npressure = 1e-3\nprofile = \"y\"",
+        [6.0, 10.0 / 3.0, 2.5],
+        [-0.0625, 0.0, 0.0],
         [0.0; 3],
     ),
     // The last load acts at t = 1.
