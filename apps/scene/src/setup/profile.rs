@@ -180,7 +180,7 @@ pub(super) fn check_samples(path: &str, l: &Load, surface: &[Patch], reach: [f64
         );
         return Err(value(key_path, format_args!("\"{text}\""), &rule));
     }
-    check_steps(path, l, surface, &times)
+    check_steps(path, text, surface, &times)
 }
 
 /// Instants at which a profile is sampled \[s\].
@@ -194,10 +194,7 @@ fn instants(l: &Load) -> Vec<f64> {
 }
 
 /// Refuses instants between which straight lines miss too much of a profile.
-fn check_steps(path: &str, l: &Load, surface: &[Patch], times: &[f64]) -> Result<()> {
-    let (Some(text), true) = (&l.profile, times.len() > 1) else {
-        return Ok(());
-    };
+fn check_steps(path: &str, text: &str, surface: &[Patch], times: &[f64]) -> Result<()> {
     // Every facet of a large surface would take long for many samples.
     let some = surface.iter().step_by(1 + surface.len() / 500);
     let values = |time: f64| -> Result<Vec<f64>> {

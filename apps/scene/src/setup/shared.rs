@@ -16,7 +16,7 @@ use super::spread::{Carriers, Resultant, Traction, Wrench, make_up};
 use super::{names, select, weights};
 use crate::error::{Result, core, fem, key, unknown};
 use crate::setup::{BodyShape, LoweredScene};
-use crate::spec::{Load, Selection};
+use crate::spec::Selection;
 use arlequin::core::Weight;
 use arlequin::core::effect::{self, SurfaceFacet};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -58,18 +58,18 @@ type Share<'a> = dyn Fn(&Point3<f64>) -> f64 + 'a;
 
 /// A load on a body with zones.
 struct Shared<'a> {
-    path: String,
+    path: &'a str,
     /// Group of the body and its zones that is the loaded surface.
-    group: String,
+    group: &'a str,
     bodies: &'a [Body],
     folder: &'a Path,
     /// Number of the body's own model.
     body: usize,
     /// Number of each zone, with the weight of the body's own model in the zone's overlap.
-    zones: Vec<(usize, Arc<dyn Weight<f64>>)>,
+    zones: &'a [(usize, Arc<dyn Weight<f64>>)],
     /// Loaded surface as triangles. Models of natural elements select the facets of a group by their corners
     /// only; in a thin body this would include facets on a cut.
-    skin: Faces,
+    skin: &'a Faces,
     field: Traction,
     /// True if the load has a profile.
     profiled: bool,
@@ -88,13 +88,34 @@ pub(super) fn loads(
 ) -> Result<Vec<(usize, effect::Load<f64>)>> {
     let (path, l) = (format!("load[{k}]"), &scene.load[k]);
     let mut out: BTreeMap<usize, effect::Load<f64>> = BTreeMap::new();
-    let (_, facets, _) = surface(k, scene, &bodies[body], folder)?;
+    let (group, mut facets, skin) = surface(k, scene, &bodies[body], folder)?;
     if let (BodyShape::Piece(piece), Some(_)) = (&bodies[body].shape, &l.profile) {
-        let surface = Patch::from_facets(&facets, piece.whole(folder)?.nodes());
-        profile::check_samples(&path, l, &surface, profile::GAUSS)?;
+        let nodes = piece.whole(folder)?.nodes();
+        profile::check_samples(&path, l, &Patch::from_facets(&facets, nodes), profile::GAUSS)?;
+        facets = profile::split(&facets, nodes, profile::GAUSS);
     }
+    let zones = names::parts(scene, body);
+    let zones = zones[1..].iter().filter_map(|z| {
+        let joint = joints
+            .iter()
+            .find(|j| j.spec.fine == *z && j.spec.coarse == body)?;
+        Some((*z, joint.weights.external.clone()))
+    });
+    let zones: Vec<_> = zones.collect();
     for (sample, time) in profile::samples(&path, l)? {
-        let shared = Shared::new((k, &sample), body, scene, (bodies, joints), folder)?;
+        let field = load::traction(&path, &sample, &facets)?;
+        let shared = Shared {
+            path: &path,
+            group: &group,
+            bodies,
+            folder,
+            body,
+            zones: &zones,
+            skin: &skin,
+            prescribed: Resultant::of_facets(&facets, &field),
+            field,
+            profiled: l.profile.is_some(),
+        };
         // `factor` differs from one only in an overlap with a model that is no zone.
         for part in shared.distribute()? {
             if part.model != body {
@@ -106,7 +127,7 @@ pub(super) fn loads(
                 (0..3).map(move |axis| (3 * n + axis, f[axis]))
             });
             let load = effect::Load::shared(&load::name(k, l), forces.collect(), time.clone());
-            let load = load.map_err(core(&*shared.path))?;
+            let load = load.map_err(core(&*path))?;
             let sum = match out.remove(&part.model) {
                 Some(sum) => sum.plus(load),
                 None => load,
@@ -138,44 +159,9 @@ fn not_twice(k: usize, part: &Part, scene: &LoweredScene, body: &Body) -> Result
 }
 
 impl<'a> Shared<'a> {
-    fn new(
-        (k, l): (usize, &Load),
-        body: usize,
-        scene: &LoweredScene,
-        (bodies, joints): (&'a [Body], &[BuiltInterface]),
-        folder: &'a Path,
-    ) -> Result<Self> {
-        let path = format!("load[{k}]");
-        let (group, mut facets, skin) = surface(k, scene, &bodies[body], folder)?;
-        if let (BodyShape::Piece(piece), Some(_)) = (&bodies[body].shape, &l.profile) {
-            facets = profile::split(&facets, piece.whole(folder)?.nodes(), profile::GAUSS);
-        }
-        let field = load::traction(&path, l, &facets)?;
-        let prescribed = Resultant::of_facets(&facets, &field);
-        let zones = names::parts(scene, body);
-        let zones = zones[1..].iter().filter_map(|z| {
-            let joint = joints
-                .iter()
-                .find(|j| j.spec.fine == *z && j.spec.coarse == body)?;
-            Some((*z, joint.weights.external.clone()))
-        });
-        Ok(Self {
-            zones: zones.collect(),
-            path,
-            group,
-            skin,
-            bodies,
-            folder,
-            body,
-            field,
-            profiled: l.profile.is_some(),
-            prescribed,
-        })
-    }
-
     /// Facets of a model on the loaded surface.
     fn facets_of(&self, body: &Body) -> Vec<SurfaceFacet<f64>> {
-        let facets = body.surfaces.get(&self.group).into_iter().flatten();
+        let facets = body.surfaces.get(self.group).into_iter().flatten();
         // The distance leaves out facets on a cut, of which only the corners lie on the surface.
         let reach = SKIN * body.spacing;
         let facets = facets.filter(|f| self.skin.distance(&f.centre) <= reach);
@@ -193,12 +179,12 @@ impl<'a> Shared<'a> {
         let coarse = |x: &Point3<f64>| 1.0 - self.zones.iter().map(|(_, f)| 1.0 - f.value(x)).sum::<f64>();
         body_part.carry(body, &self.facets_of(body), &self.field, &coarse);
         let mut zones = Vec::new();
-        for (z, f) in &self.zones {
+        for (z, f) in self.zones {
             let fine = |x: &Point3<f64>| 1.0 - f.value(x);
             let body = &self.bodies[*z];
             let part = match (&body.shape, body.grains.is_some()) {
                 (BodyShape::Piece(piece), true) => {
-                    let facets = piece.facets(&self.group, self.folder)?;
+                    let facets = piece.facets(self.group, self.folder)?;
                     self.on_spheres(*z, &facets, &fine)?
                 }
                 _ => {
@@ -238,7 +224,7 @@ impl<'a> Shared<'a> {
             return Ok(part);
         }
         let body = &self.bodies[zone];
-        let touching = body.groups.get(&self.group).map_or(&[][..], Vec::as_slice);
+        let touching = body.groups.get(self.group).map_or(&[][..], Vec::as_slice);
         // By section and share: the sum of the areas is then that of the facets.
         let section = |n: usize| body.grid.radii[n].powi(2) * share(&body.model.nodes()[n]);
         let sum: f64 = touching.iter().map(|n| section(*n)).sum();
@@ -266,14 +252,14 @@ impl<'a> Shared<'a> {
         let remainder = make_up(&mut carriers.collect::<Vec<_>>(), self.profiled, missing);
         let who = "the zones of the body have too few spheres or nodes at this surface to carry their share; take smaller \
                    spheres, or keep the zone and its overlap away from it";
-        self.prescribed.enough(&self.path, who, &remainder)
+        self.prescribed.enough(self.path, who, &remainder)
     }
 
     /// Returns the factor by which interfaces with models other than zones reduce the load on a model, as a
     /// function of the point. The scene must give those models their share of the load.
     fn load_factor(&self, model: usize, joints: &[BuiltInterface]) -> Result<Box<Share<'a>>> {
         let zones: Vec<_> = self.zones.iter().map(|z| z.1.clone()).collect();
-        let own_weight = zones.iter().zip(&self.zones).find(|(_, z)| z.0 == model);
+        let own_weight = zones.iter().zip(self.zones).find(|(_, z)| z.0 == model);
         let own_weight = own_weight.map(|(f, _)| f.clone());
         let actual = weights::model_weights(model, joints)?.external;
         Ok(Box::new(move |x| {
