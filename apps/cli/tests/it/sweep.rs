@@ -404,6 +404,9 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
 
 /// At twice the frequency the predicted error is four to eight times as large and asks for a finer mesh:
 /// reflections from an overlap grow with the square of the frequency, the lag of a lattice with its cube.
+///
+/// The error that is asked for lies between those of the scene as given (spacing 0.1 m): the slow signal keeps
+/// that spacing or a coarser one whatever the trial steps take on a busy machine, and the fast one cannot.
 #[test]
 fn the_frequency_that_is_asked_for_decides_the_error() {
     let path = folder("suggest-frequency", SWEEP);
@@ -413,7 +416,7 @@ fn the_frequency_that_is_asked_for_decides_the_error() {
             "suggest",
             text(&scene),
             "--error",
-            "3%",
+            "0.8%",
             "--json",
             "--frequency",
             frequency,
@@ -427,6 +430,5 @@ fn the_frequency_that_is_asked_for_decides_the_error() {
     let (slow, fast) = (asked("0.4"), asked("0.8"));
     let ratio = fast.0 / slow.0;
     assert!((3.5..9.0).contains(&ratio), "{slow:?} {fast:?}: {ratio}");
-    // Lengths divide the bar, so that they do not halve exactly.
-    assert!(fast.1 < 0.65 * slow.1, "{slow:?} {fast:?}");
+    assert!(fast.1 < 0.075 && slow.1 >= 0.1, "{slow:?} {fast:?}");
 }
