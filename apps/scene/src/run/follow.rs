@@ -13,12 +13,13 @@
 //!
 //! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
 //! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
-//! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support stay with the body.
+//! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support or a load, and beyond
+//! `follow.within`, stay with the body.
 
 use super::quiet::{PLACES, Quiet, Strain};
 use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
-use crate::setup::{Built, Grid, Moving, Share};
+use crate::setup::{Bar, Built, Grid, Moving, Share};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{Breakable, Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
@@ -72,8 +73,8 @@ pub(crate) struct Follow {
     middles: Vec<Vector3<f64>>,
     /// Elements that the zone began with: notches may cut them.
     first: Vec<bool>,
-    /// For each element: the support for which it stays with the body.
-    barred: Vec<Option<usize>>,
+    /// For each element: the reason for which it stays with the body.
+    barred: Vec<Option<Bar>>,
 }
 
 /// Shape functions of a field at a point inside it, and the way from there to a point that may lie outside.
@@ -108,12 +109,12 @@ impl Placed {
     }
 }
 
-/// Findings of a look: the elements that the zone should have, the worst bond that slept, and a support that
-/// keeps the zone from where bonds are loaded.
+/// Findings of a look: the elements that the zone should have, the worst bond that slept, and what keeps the
+/// zone from where bonds are loaded.
 struct Look {
     core: Vec<bool>,
     late: Option<(usize, f64)>,
-    barred: Option<usize>,
+    barred: Option<Bar>,
 }
 
 impl Follow {
@@ -218,14 +219,7 @@ impl Follow {
             }
             warnings.push(text);
         }
-        if let Some(k) = look.barred {
-            warnings.push(format!(
-                "zone '{}' would have to reach {}, where spheres at a face and the body's field at their depth differ: it stays an \
-                 element and an overlap's width off, and what breaks there breaks in the overlap or not at all; take a larger body",
-                self.moving.name,
-                self.moving.support(k)
-            ));
-        }
+        warnings.extend(look.barred.map(|bar| self.moving.warning(bar)));
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
                 Ok(moved) => {
@@ -292,7 +286,7 @@ impl Follow {
     fn wanted(&mut self, run: &Coupled<f64>) -> Look {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
         let [of_spheres, of_bonds] = &self.homes;
-        let limits = self.moving.limits;
+        let limits = &self.moving.limits;
         let mut hot = vec![false; self.shares.len()];
         let (all, seen) = {
             let log = locked(&self.log);
@@ -351,9 +345,9 @@ impl Follow {
         hot = self.around(hot, limits.margin);
         let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
         join(&mut out.core, &hot);
-        for (core, support) in out.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
-            *core = support.is_none();
-            out.barred = out.barred.or(*support);
+        for (core, bar) in out.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = bar.is_none();
+            out.barred = out.barred.or(*bar);
         }
         if out.core != self.state.core {
             join(&mut out.core, &self.around(hot, AHEAD));

@@ -75,7 +75,7 @@ impl Filling {
         };
         let shape = match &table.shape {
             BodyShape::Given(shape) => shape,
-            BodyShape::Piece(piece) => {
+            BodyShape::Piece(piece) | BodyShape::Reservoir(piece) => {
                 let (triangles, mesh) = piece.surface(folder)?;
                 let filling = Self::inside_triangles(key, triangles, Some(mesh))?;
                 return match table.dem.file {
@@ -430,7 +430,7 @@ fn ratio_from_table(table: &LoweredModel, material: &Material) -> Option<f64> {
     let wanted = material.poisson;
     match table.shape {
         BodyShape::Piece(_) => Some(wanted.unwrap_or(0.0)),
-        BodyShape::Given(_) | BodyShape::Remote => {
+        BodyShape::Given(_) | BodyShape::Reservoir(_) | BodyShape::Remote => {
             wanted.filter(|nu| (nu - BeamMaterial::SILICA.bulk()[1]).abs() > ALIKE[1])
         }
     }

@@ -102,15 +102,22 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
     let piece = |purpose: Use| Piece::new(cut.clone(), purpose);
     if let Some((name, zone)) = following(&scene).map(|(n, z, _)| (n.to_owned(), z.clone())) {
         zone::check(&scene)?;
-        // Both models are the whole body: either sleeps where its weight is zero.
-        let whole = LoweredModel {
-            shape: body.shape.clone(),
-            scale: body.scale,
-            volume: body.volume.clone(),
-            ..model(&zone, &body, piece(Use::Zone(0)))
+        // Either model sleeps where its weight is zero.
+        let spheres = model(&zone, &body, piece(Use::Zone(0)));
+        let spheres = match zone.follow.0.as_ref().is_some_and(|f| f.within.is_some()) {
+            true => LoweredModel {
+                shape: BodyShape::Reservoir(piece(Use::Reservoir)),
+                ..spheres
+            },
+            false => LoweredModel {
+                shape: body.shape.clone(),
+                scale: body.scale,
+                volume: body.volume.clone(),
+                ..spheres
+            },
         };
         let between = interface(&name, &zone, piece(Use::Between(0)));
-        scene.model.insert(name.clone(), whole);
+        scene.model.insert(name.clone(), spheres);
         scene.interface.insert(name, between);
         let role = Some(RoleKind::Coarse);
         scene.model.insert(BODY.to_owned(), LoweredModel { role, ..body });
@@ -136,9 +143,9 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
 }
 
 /// Returns the zone that goes where it is needed, with its name and limits.
-pub(crate) fn following(scene: &LoweredScene) -> Option<(&str, &ZoneTable, FollowTable)> {
+pub(crate) fn following(scene: &LoweredScene) -> Option<(&str, &ZoneTable, &FollowTable)> {
     let mut zones = scene.zone.iter();
-    zones.find_map(|(name, z)| z.follow.0.map(|f| (name.as_str(), z, f)))
+    zones.find_map(|(name, z)| z.follow.0.as_ref().map(|f| (name.as_str(), z, f)))
 }
 
 /// Boxes in which loads and supports act on the body.

@@ -21,6 +21,8 @@ pub enum BodyShape {
     Given(Shape),
     /// The model has the part of the body that `[body]` and `[zone.NAME]` leave to it.
     Piece(Piece),
+    /// The model has the spheres among which a zone that follows goes: `follow.within`.
+    Reservoir(Piece),
     /// Only the program behind a link knows the shape.
     Remote,
 }
@@ -30,7 +32,7 @@ impl BodyShape {
     pub fn in_scene(&self) -> Option<&Shape> {
         match self {
             Self::Given(shape) => Some(shape),
-            Self::Piece(_) | Self::Remote => None,
+            Self::Piece(_) | Self::Reservoir(_) | Self::Remote => None,
         }
     }
 
@@ -38,7 +40,7 @@ impl BodyShape {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Given(shape) => shape.name(),
-            Self::Piece(_) => "a part of the body",
+            Self::Piece(_) | Self::Reservoir(_) => "a part of the body",
             Self::Remote => "that of a link",
         }
     }

@@ -184,7 +184,7 @@ impl Request<'_> {
         }
         let shape = match self.shape {
             BodyShape::Given(shape) => shape,
-            BodyShape::Piece(piece) => return piece.check(self),
+            BodyShape::Piece(piece) | BodyShape::Reservoir(piece) => return piece.check(self),
             BodyShape::Remote => return Err(self.nobody()),
         };
         match shape {
@@ -279,7 +279,7 @@ impl Request<'_> {
         };
         let shape = match self.shape {
             BodyShape::Given(shape) => shape,
-            BodyShape::Piece(piece) => return piece.mesh(self),
+            BodyShape::Piece(piece) | BodyShape::Reservoir(piece) => return piece.mesh(self),
             BodyShape::Remote => return Err(self.nobody()),
         };
         match shape {

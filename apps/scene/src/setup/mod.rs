@@ -69,7 +69,7 @@ pub(crate) use probe::acts;
 pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
-pub use zone::{Moving, Share};
+pub use zone::{Bar, Moving, Share};
 
 use crate::error::{Result, core, key, value};
 use crate::ranks::{RankLine, Ranks};

@@ -171,7 +171,7 @@ impl Ground {
 /// Container of the particles of a model that is no zone, and the place of the particles.
 fn place_of(name: &str, table: &LoweredModel, folder: &Path) -> Result<(Option<Filling>, Ground)> {
     let named = |groups: &mut dyn Iterator<Item = &String>| groups.map(|g| (g.clone(), ())).collect();
-    if let BodyShape::Piece(piece) = &table.shape {
+    if let BodyShape::Piece(piece) | BodyShape::Reservoir(piece) = &table.shape {
         let (triangles, mesh) = piece.surface(folder)?;
         let groups = Some(named(&mut triangles.groups.keys()));
         let ends = corners(mesh.nodes());
@@ -197,7 +197,7 @@ fn check_point(
         Err(value(&path, format_args!("{point:?} m"), &rule))
     };
     let Some(filling) = filling else {
-        let BodyShape::Piece(piece) = &table.shape else {
+        let (BodyShape::Piece(piece) | BodyShape::Reservoir(piece)) = &table.shape else {
             return Ok(());
         };
         return match piece.holds(&Point3::from(*point), folder)? {

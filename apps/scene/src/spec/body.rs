@@ -67,7 +67,7 @@ pub struct ZoneTable {
     #[schemars(extend("not" = { "required": ["spacing"] }))]
     pub absorber: Option<Absorber>,
     /// Lets the zone go where it is needed: `true`, or a table with its limits. It needs `kind = "dem"` and
-    /// no other zone. Spheres fill the whole body, `shape` is where they begin.
+    /// no other zone. Spheres fill the whole body, or `follow.within`; `shape` is where the zone begins.
     #[serde(default)]
     pub follow: Follow,
 }
@@ -96,7 +96,7 @@ pub struct ZoneMediator {
 }
 
 /// Region of a fine model.
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, remote = "Self", rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum ZoneShape {

@@ -1,15 +1,20 @@
 //! `zone.NAME.follow`: a zone that goes where it is needed.
 
+use super::body::ZoneShape;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use std::borrow::Cow;
 
-/// When a zone grows. Spheres fill the whole body once; those outside of the zone and its overlap sleep.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Deserialize, JsonSchema)]
+/// Where a zone may go, and when it grows. Spheres fill this region once; those outside of the zone and its
+/// overlap sleep.
+#[derive(Debug, Clone, PartialEq, serde::Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct FollowTable {
+    /// Region that is filled with spheres. The zone's own elements stay inside of it by the width of the
+    /// overlap. Default: the whole body.
+    pub within: Option<ZoneShape>,
     /// Load of a bond over its strength \[–\], in the displacements of the body, at which the element
     /// around it joins the zone.
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0))]
@@ -33,6 +38,7 @@ pub struct FollowTable {
 impl Default for FollowTable {
     fn default() -> Self {
         Self {
+            within: None,
             wake: 0.4,
             margin: 3,
             every: None,
@@ -43,7 +49,7 @@ impl Default for FollowTable {
 }
 
 /// `true`, `false` or a table.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Follow(pub Option<FollowTable>);
 
 impl<'de> Deserialize<'de> for Follow {
@@ -53,7 +59,7 @@ impl<'de> Deserialize<'de> for Follow {
             type Value = Follow;
 
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("true, false or { wake, margin, every, release, strict }")
+                f.write_str("true, false or { within, wake, margin, every, release, strict }")
             }
 
             fn visit_bool<E>(self, on: bool) -> Result<Follow, E> {

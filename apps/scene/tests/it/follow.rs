@@ -124,6 +124,45 @@ fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
     assert!(into.is_empty(), "{into:?}");
 }
 
+/// Spheres in a strip along the crack: the zone stays inside of it, and the crack runs as before.
+#[test]
+fn spheres_fill_the_region_in_which_the_zone_may_go() {
+    let strip = "follow.within.box = { low = [-1e-3, 3e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
+    let short = ("end = 70e-6", "end = 56e-6");
+    let results = run(&scene(&[short, ("follow = true", strip)]));
+    let spheres = results.run.subdomains()[1].model().nodes();
+    // 14 143 fill the plate of 20 mm, and the strip has 14 of them. It has no walls along the crack, at which
+    // spheres lie less densely.
+    let count = spheres.len() as f64;
+    assert!((count / 14_143.0 - 0.7).abs() < 0.02, "{count} spheres");
+    assert!(spheres.iter().all(|x| (2.99e-3..17.01e-3).contains(&x.y)));
+    let [top, end] = load(&results);
+    let breaks = breaks(&results);
+    let path = path(&breaks);
+    println!(
+        "{count} spheres, {} breaks, load {top} and {end} N, path {path:?} m",
+        breaks.len()
+    );
+    assert!(
+        (850.0..1000.0).contains(&top) && end.abs() < 0.15 * top,
+        "{top} {end} N"
+    );
+    assert!(path.iter().all(|y| (y - 10e-3).abs() < 1.5e-3), "{path:?} m");
+    let summary = results.summary();
+    assert!(
+        summary.energy.h_drift_max < 1e-9,
+        "{:e}",
+        summary.energy.h_drift_max
+    );
+    let work: f64 = summary.conversions.iter().map(|c| c.work.abs()).sum();
+    assert!(work < 0.2e-3, "the changes took {work:e} J");
+    // The margins around the crack ask for more than the strip less its two overlaps, 8 mm.
+    let off_border = |w: &String| w.contains("would have to leave follow.within");
+    assert!(summary.warnings.iter().any(off_border), "{:?}", summary.warnings);
+    let whole = 8 * 40 * 2;
+    assert!(summary.conversions.iter().all(|c| c.cells[1] <= whole));
+}
+
 struct Stop(usize);
 
 impl Observer for Stop {
@@ -265,6 +304,15 @@ fn a_zone_that_follows_stays_off_supports_and_loads() {
         let message = checked.expect_err(words).to_string();
         assert!(message.contains(words) && message.contains("crack"), "{message}");
     }
+    // The strip has to hold the zone from 6 to 14 mm and its overlap of 3 mm.
+    let narrow = "follow.within.box = { low = [-1e-3, 4e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
+    let changed = text.replace("follow = true", narrow);
+    let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
+    let message = checked.expect_err("a narrow strip").to_string();
+    assert!(
+        message.contains("zone.crack.follow.within") && message.contains("must lie inside"),
+        "{message}"
+    );
     // As far as it may go.
     let widest = text
         .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 4e-3, -1e-3]")
@@ -359,6 +407,11 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
     for (from, to, words) in [
         ("follow = true", "follow.wake = 1.5", "follow.wake"),
         ("follow = true", "follow.margin = 0", "follow.margin"),
+        (
+            "follow = true",
+            "follow.within.ball = { centre = [0.0, 0.0, 0.0], radius = -1.0 }",
+            "follow.within.ball.radius",
+        ),
         ("follow = true", "follow.release = 0.4", "follow.release"),
         ("follow = true", "follow.release = -0.1", "follow.release"),
         ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),

@@ -77,8 +77,10 @@ impl Surface {
     /// Rebuilds the grid so that [`Self::nearest`] finds every point up to `reach` \[m\].
     pub(crate) fn prepare(&mut self, reach: f64) {
         let extent = self.bounds.1 - self.bounds.0;
-        // The bound on the cell size limits the memory of the grid.
+        // The bound on the cell size limits the memory of the grid. The reach is never below it: a point
+        // without a face within reach then lies on the same side as the middle of its cell.
         let size = reach.max(extent.max() / 128.0);
+        let reach = size;
         // One layer of cells around the box, because centres of spheres may leave it by a little.
         let dims = [0, 1, 2].map(|a| (extent[a] / size).ceil() as usize + 2);
         let cells = dims[0] * dims[1] * dims[2];

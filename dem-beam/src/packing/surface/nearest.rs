@@ -193,10 +193,10 @@ impl Surface {
         let is_inner = |gap: Option<(f64, _)>| gap.is_none_or(|g| g.0 >= 0.0);
         match self.nearest_among(x, reach, &near) {
             Some((gap, _)) => gap >= 0.0,
-            // No face is within the reach of `x`, so that the middle of the cell lies on the same side. The
-            // triangles of a cell include the one nearest to its middle.
-            None if near.off < reach => is_inner(self.nearest(&near.middle, reach)),
-            None => self.winding(x) > 0.5,
+            // No face is within the reach of `x`, which is longer than half a diagonal of the cell, so that
+            // the middle of the cell lies on the same side. The triangles of a cell include the one nearest
+            // to its middle.
+            None => is_inner(self.nearest(&near.middle, reach)),
         }
     }
 }

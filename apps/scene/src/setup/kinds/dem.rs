@@ -305,7 +305,7 @@ fn groups(model: &DemModel, shape: &BodyShape, filling: &Filling) -> BTreeMap<St
             layer("x-max", Point3::from(from) + Vector3::x() * length, Vector3::x());
         }
         BodyShape::Given(Shape::Bar { .. } | Shape::Ball { .. }) | BodyShape::Remote => {}
-        BodyShape::Given(Shape::File(_)) | BodyShape::Piece(_) => {
+        BodyShape::Given(Shape::File(_)) | BodyShape::Piece(_) | BodyShape::Reservoir(_) => {
             let faces = filling.faces.iter();
             out.extend(faces.map(|(name, face)| (name.clone(), model.touching(face))));
         }

@@ -91,7 +91,7 @@ pub(super) fn build(order: &Order<'_>, clock: &mut SetupClock<'_>) -> Result<Bod
 /// Refuses materials for volumes if the kind cannot have them or the shape has no volumes.
 fn volumes(order: &Order<'_>) -> Result<()> {
     let filed = match &order.table.shape {
-        BodyShape::Piece(piece) => piece.is_of_file(),
+        BodyShape::Piece(piece) | BodyShape::Reservoir(piece) => piece.is_of_file(),
         shape => shape.is_file(),
     };
     let rule = match (

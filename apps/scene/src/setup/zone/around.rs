@@ -1,7 +1,7 @@
 //! Elements of the body around a zone, in which spheres are packed and then cut off at the border of the
 //! zone.
 
-use super::divide::{Division, Owner, crowded_edges, faces_of};
+use super::divide::{crowded_edges, faces_of};
 use crate::error::{Result, fem};
 use crate::setup::faces::{Faces, corners_of};
 use arlequin::core::nalgebra::Point3;
@@ -13,15 +13,13 @@ const REACH: f64 = 1.5;
 
 /// Returns the elements of a zone together with those around it, far enough for spheres up to `margin` \[m\]
 /// beyond the border; and the faces between both.
-pub(super) fn extended_zone(division: &Division, zone: usize, margin: f64) -> Result<(Mesh<f64>, Triangles)> {
-    let mesh = division.field.mesh();
-    let in_zone: Vec<bool> = division
-        .owners
-        .iter()
-        .map(|o| matches!(o, Owner::Zone(z) | Owner::Both(z) if *z == zone))
-        .collect();
-    let mut keep = in_zone.clone();
-    let (neighbours_of, border) = neighbours(mesh, &in_zone);
+pub(super) fn extended_zone(
+    mesh: &Mesh<f64>,
+    in_zone: &[bool],
+    margin: f64,
+) -> Result<(Mesh<f64>, Triangles)> {
+    let mut keep = in_zone.to_vec();
+    let (neighbours_of, border) = neighbours(mesh, in_zone);
     let faces = Faces::new(border.clone());
     if !faces.is_empty() {
         let near = |e: usize| {
@@ -34,7 +32,7 @@ pub(super) fn extended_zone(division: &Division, zone: usize, margin: f64) -> Re
         };
         // Only elements connected to the zone: another part of the body may come close to it across a gap.
         let mut open: Vec<usize> = (0..in_zone.len()).filter(|e| in_zone[*e]).collect();
-        let mut visited = in_zone.clone();
+        let mut visited = in_zone.to_vec();
         while let Some(e) = open.pop() {
             for &n in neighbours_of.get(&e).into_iter().flatten() {
                 if !std::mem::replace(&mut visited[n], true) && near(n) {
@@ -69,7 +67,7 @@ type Beside = BTreeMap<usize, BTreeSet<usize>>;
 
 /// Pairs of elements that share a face, and the triangles between the elements marked in `in_zone` and the
 /// others.
-fn neighbours(mesh: &Mesh<f64>, in_zone: &[bool]) -> (Beside, Triangles) {
+pub(super) fn neighbours(mesh: &Mesh<f64>, in_zone: &[bool]) -> (Beside, Triangles) {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     let (mut neighbours_of, mut border) = (Beside::new(), Vec::new());
     for (facet, key) in faces_of(mesh, |_| true) {

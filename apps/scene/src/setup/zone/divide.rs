@@ -44,10 +44,13 @@ pub(super) struct Division {
     pub field: Whole,
     pub owners: Arc<Vec<Owner>>,
     pub zones: Vec<Across>,
+    /// For each element: true if spheres fill it for a zone that follows. Empty without `follow.within`.
+    pub reservoir: Arc<Vec<bool>>,
 }
 
 impl Division {
     pub(super) fn new(mesh: Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Self> {
+        let reservoir = reservoir(&mesh, cut, folder)?;
         let mut owners = vec![Owner::Body; mesh.element_count()];
         let mut zones = Vec::new();
         for zone in 0..cut.zones.len() {
@@ -76,6 +79,7 @@ impl Division {
             field: Arc::new(FemField::new(mesh)),
             owners: Arc::new(owners),
             zones,
+            reservoir: Arc::new(reservoir),
         })
     }
 }
@@ -94,7 +98,43 @@ impl Division {
             field: self.field.clone(),
             owners: Arc::new(deal.sides.iter().map(owner).collect()),
             zones: vec![deal.across()?],
+            reservoir: self.reservoir.clone(),
         })
+    }
+}
+
+/// Elements that spheres fill for a zone that follows: those with a corner or the centroid in
+/// `follow.within`, without those at edges where more than two faces of their surface meet.
+fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
+    let within = |z: &Zone| {
+        let table = z.table.follow.0.as_ref()?;
+        Some((
+            format!("zone.{}.follow.within", z.name),
+            table.within.clone()?,
+            z.table.scale,
+        ))
+    };
+    let Some((path, shape, scale)) = cut.zones.iter().find_map(within) else {
+        return Ok(Vec::new());
+    };
+    let region = Place::from_shape((&path, &shape), scale.unwrap_or(cut.body.scale), mesh, folder)?;
+    let inside = |x: &Point3<f64>| region.distance(x) < -ON_BORDER * mesh.spacing();
+    let at_nodes: Vec<bool> = mesh.nodes().iter().map(inside).collect();
+    let holds =
+        |e: usize| mesh.element(e).iter().any(|k| at_nodes[*k as usize]) || inside(&centroid(mesh, e));
+    let mut out: Vec<bool> = (0..mesh.element_count()).map(holds).collect();
+    loop {
+        let crowded = crowded_edges(mesh, |e| out[e]);
+        if crowded.is_empty() {
+            return Ok(out);
+        }
+        let touches = |e: usize| {
+            let corners = mesh.element(e);
+            crowded
+                .iter()
+                .any(|edge| edge.iter().all(|k| corners.contains(k)))
+        };
+        (0..out.len()).for_each(|e| out[e] &= !touches(e));
     }
 }
 

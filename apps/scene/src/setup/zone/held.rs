@@ -1,4 +1,4 @@
-//! Supports and loads near a zone that moves.
+//! Where a zone that moves may not go: near supports and loads, and beyond the spheres of `follow.within`.
 //!
 //! A support of the body also holds the spheres that touch its face, at the displacement of the face. They
 //! lie up to a radius inside the body, where the body's own field is already another one. Tied to this
@@ -74,22 +74,48 @@ pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Re
     }
     let barred = piece.barred(scene, folder)?;
     let begins = piece.elements_alone(folder)?;
+    let path = format!("zone.{name}.follow");
     match begins.iter().zip(&barred).find_map(|(own, b)| b.filter(|_| *own)) {
         None => Ok(()),
-        Some(k) => {
+        Some(Bar::Anchor(k)) => {
             let rule = format!(
                 "the zone begins so near to {} that its overlap reaches the nodes of this; take a smaller shape, a narrower overlap, \
                  or a larger body",
-                label(scene, k)
+                anchors(scene).swap_remove(k).label
             );
-            Err(key(format!("zone.{name}.follow"), rule))
+            Err(key(path, rule))
+        }
+        Some(Bar::Border) => {
+            let rule = "the zone of shape and its overlap must lie inside of it; take a larger region, or a smaller shape";
+            Err(key(format!("{path}.within"), rule))
         }
     }
 }
 
-/// Name of a support or load in messages, by its number among [`anchors`].
-pub(super) fn label(scene: &LoweredScene, k: usize) -> String {
-    anchors(scene).swap_remove(k).label
+/// Reason for which a zone that moves leaves an element to the body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bar {
+    /// A support or load is near, with this number among [`anchors`].
+    Anchor(usize),
+    /// The border of `follow.within` is near.
+    Border,
+}
+
+impl Bar {
+    /// Returns the warning for a zone that would have to reach such an element.
+    pub(super) fn warning(self, zone: &str, scene: &LoweredScene) -> String {
+        match self {
+            Self::Anchor(k) => format!(
+                "zone '{zone}' would have to reach {}, where spheres at a face and the body's field at their depth differ: it stays an \
+                 element and an overlap's width off, and what breaks there breaks in the overlap or not at all; take a larger body",
+                anchors(scene).swap_remove(k).label
+            ),
+            Self::Border => format!(
+                "zone '{zone}' would have to leave follow.within, where there are no spheres: it stays an overlap's width inside, and \
+                 what breaks beyond breaks in the overlap or not at all; take a larger region"
+            ),
+        }
+    }
 }
 
 impl Anchor<'_> {
@@ -116,32 +142,47 @@ impl Anchor<'_> {
 }
 
 impl Piece {
-    /// For each element of the body: the number among [`anchors`] of the support or load for which the zone
-    /// must leave it to the body.
-    pub(super) fn barred(&self, scene: &LoweredScene, folder: &Path) -> Result<Vec<Option<usize>>> {
+    /// For each element of the body: the reason for which the zone must leave it to the body.
+    pub(super) fn barred(&self, scene: &LoweredScene, folder: &Path) -> Result<Vec<Option<Bar>>> {
         let mesh = self.whole(folder)?;
         let mut of_nodes = vec![None; mesh.nodes().len()];
         for (k, a) in anchors(scene).iter().enumerate().filter(|(_, a)| a.model == BODY) {
             for node in a.nodes(mesh) {
-                of_nodes[node] = of_nodes[node].or(Some(k));
+                of_nodes[node] = of_nodes[node].or(Some(Bar::Anchor(k)));
             }
         }
         let width = self.cut.zones[self.number()].table.overlap.width;
         // A width of whole elements up to round-off needs no further element.
         let layers = (width / mesh.spacing() - 1e-6).ceil().max(0.0) as usize;
-        let mut out = vec![None; mesh.element_count()];
-        // Elements with a node that is held or loaded, then as many layers around them as the overlap has.
-        for _ in 0..=layers {
-            for (e, barred) in out.iter_mut().enumerate().filter(|(_, b)| b.is_none()) {
-                *barred = mesh.element(e).iter().find_map(|k| of_nodes[*k as usize]);
-            }
-            for (e, barred) in out.iter().enumerate().filter(|(_, b)| b.is_some()) {
-                for k in mesh.element(e) {
-                    let node = &mut of_nodes[*k as usize];
-                    *node = node.or(*barred);
-                }
-            }
+        // One element stays between the overlap and what is held or loaded.
+        let mut out = spread(mesh, of_nodes, layers + 1);
+        let reservoir = &self.cut.division(folder)?.reservoir;
+        let mut of_nodes = vec![None; mesh.nodes().len()];
+        for e in (0..reservoir.len()).filter(|e| !reservoir[*e]) {
+            out[e] = out[e].or(Some(Bar::Border));
+            mesh.element(e)
+                .iter()
+                .for_each(|k| of_nodes[*k as usize] = Some(Bar::Border));
         }
+        let near_border = spread(mesh, of_nodes, layers);
+        out.iter_mut().zip(near_border).for_each(|(a, b)| *a = a.or(b));
         Ok(out)
     }
+}
+
+/// Hands marks of nodes on to the elements around them, over a number of layers of elements.
+fn spread(mesh: &Mesh<f64>, mut of_nodes: Vec<Option<Bar>>, layers: usize) -> Vec<Option<Bar>> {
+    let mut out = vec![None; mesh.element_count()];
+    for _ in 0..layers {
+        for (e, mark) in out.iter_mut().enumerate().filter(|(_, b)| b.is_none()) {
+            *mark = mesh.element(e).iter().find_map(|k| of_nodes[*k as usize]);
+        }
+        for (e, mark) in out.iter().enumerate().filter(|(_, b)| b.is_some()) {
+            for k in mesh.element(e) {
+                let node = &mut of_nodes[*k as usize];
+                *node = node.or(*mark);
+            }
+        }
+    }
+    out
 }

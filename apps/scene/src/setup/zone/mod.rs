@@ -15,6 +15,7 @@ mod region;
 mod response;
 
 pub use super::packing::Likeness;
+pub use held::Bar;
 pub(super) use held::check_anchors;
 pub(super) use likeness::{Supports, Twin};
 pub use moving::{Moving, Share};
@@ -23,6 +24,7 @@ pub(super) use probes::with_probes_in_zones;
 pub(super) use region::check_region;
 
 use super::body::Body;
+use super::faces::Faces;
 use super::mesh::{self, Elements, Request};
 use super::select;
 use crate::error::{Result, fem, key, value};
@@ -34,6 +36,7 @@ use arlequin::core::nalgebra::Point3;
 use arlequin::fem_ref::gmsh::{Triangles, triangles_of};
 use arlequin::fem_ref::{Facet, FemField, Mesh};
 use divide::Division;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -91,6 +94,8 @@ pub(super) enum Use {
     Zone(usize),
     /// Mediator and overlap of a zone.
     Between(usize),
+    /// The spheres among which a zone that follows goes.
+    Reservoir,
 }
 
 /// A piece of the body: a part of its elements.
@@ -204,7 +209,7 @@ impl Piece {
                 let whole = self.cut.request(request.folder)?;
                 whole.check_body()
             }
-            Use::Zone(_) => {
+            Use::Zone(_) | Use::Reservoir => {
                 if request.divisions.is_some() {
                     let rule = "a zone halves the body's elements; give spacing";
                     return Err(key(format!("{}.divisions", request.key), rule));
@@ -242,17 +247,22 @@ impl Piece {
         }
     }
 
-    /// Elements of the piece as they are in the body.
-    fn elements(&self, division: &Division) -> Result<Mesh<f64>> {
-        let mesh = division.field.mesh();
-        let keep = |e: usize| match self.purpose {
+    /// Returns whether an element of the body belongs to the piece.
+    fn keeps(&self, division: &Division, e: usize) -> bool {
+        match self.purpose {
             Use::Body => !matches!(division.owners[e], divide::Owner::Zone(_)),
             Use::Zone(z) => {
                 matches!(division.owners[e], divide::Owner::Zone(k) | divide::Owner::Both(k) if k == z)
             }
             Use::Between(z) => division.owners[e] == divide::Owner::Both(z),
-        };
-        mesh.part(keep).map_err(fem("body"))
+            Use::Reservoir => division.reservoir.get(e).copied().unwrap_or(true),
+        }
+    }
+
+    /// Elements of the piece as they are in the body.
+    fn elements(&self, division: &Division) -> Result<Mesh<f64>> {
+        let mesh = division.field.mesh();
+        mesh.part(|e| self.keeps(division, e)).map_err(fem("body"))
     }
 
     /// Surface of the piece, to be filled with spheres, and its elements.
@@ -261,7 +271,7 @@ impl Piece {
         Ok((triangles_of(&mesh), mesh))
     }
 
-    /// Surface of the zone's elements together with those around them, far enough for spheres up to `margin`
+    /// Surface of the elements of a zone or reservoir together with those around them, far enough for spheres up to `margin`
     /// \[m\] beyond the border; and the faces between both.
     pub(super) fn extended_surface(
         &self,
@@ -269,7 +279,11 @@ impl Piece {
         margin: f64,
     ) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
         let division = self.cut.division(folder)?;
-        let (mesh, border) = around::extended_zone(division, self.number(), margin)?;
+        let whole = division.field.mesh();
+        let own: Vec<bool> = (0..whole.element_count())
+            .map(|e| self.keeps(division, e))
+            .collect();
+        let (mesh, border) = around::extended_zone(whole, &own, margin)?;
         Ok((triangles_of(&mesh), border))
     }
 
@@ -309,12 +323,27 @@ impl Piece {
         Ok(out)
     }
 
-    /// Returns whether a point lies in an element of this zone, overlap included.
+    /// Returns whether a point lies in an element of this piece.
     pub(super) fn holds(&self, x: &Point3<f64>, folder: &Path) -> Result<bool> {
         let division = self.cut.division(folder)?;
-        let owner = division.field.element_at(x).map(|e| division.owners[e]);
-        let is_own = |z: usize| z == self.number();
-        Ok(owner.is_some_and(|o| matches!(o, divide::Owner::Zone(z) | divide::Owner::Both(z) if is_own(z))))
+        Ok(division
+            .field
+            .element_at(x)
+            .is_some_and(|e| self.keeps(division, e)))
+    }
+
+    /// Faces between the reservoir of a zone that follows and the rest of the body, and the number of the
+    /// body's nodes in the reservoir.
+    fn reservoir(&self, folder: &Path) -> Result<(Faces, usize)> {
+        let division = self.cut.division(folder)?;
+        let mesh = division.field.mesh();
+        if division.reservoir.is_empty() {
+            return Ok((Faces::new(Vec::new()), mesh.nodes().len()));
+        }
+        let inside = (0..mesh.element_count()).filter(|e| division.reservoir[*e]);
+        let nodes: BTreeSet<u32> = inside.flat_map(|e| mesh.element(e).iter().copied()).collect();
+        let (_, border) = around::neighbours(mesh, &division.reservoir);
+        Ok((Faces::new(border), nodes.len()))
     }
 
     /// Positions of points with respect to the overlap.
@@ -333,7 +362,8 @@ impl Piece {
     fn number(&self) -> usize {
         match self.purpose {
             Use::Zone(z) | Use::Between(z) => z,
-            Use::Body => 0,
+            // A zone that follows is the only one.
+            Use::Body | Use::Reservoir => 0,
         }
     }
 }

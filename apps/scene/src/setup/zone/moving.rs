@@ -4,10 +4,11 @@
 
 use super::Piece;
 use super::divide::{Owner, centroid};
-use super::{held, response};
+use super::{Bar, check_region, response};
 use crate::error::{Error, Result, key, value};
 use crate::ranks::Ranks;
 use crate::setup::body::Body;
+use crate::setup::faces::Faces;
 use crate::setup::interface::BuiltInterface;
 use crate::setup::kinds::kind;
 use crate::setup::lower::following;
@@ -86,6 +87,9 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
         );
         return Err(value(format!("{path}.release"), release, &rule));
     }
+    if let Some(shape) = &limits.within {
+        check_region(&format!("{path}.within"), shape)?;
+    }
     for (name, count) in [("margin", limits.margin), ("every", limits.every.unwrap_or(1))] {
         if count == 0 {
             return Err(value(format!("{path}.{name}"), 0, "must be at least 1"));
@@ -133,6 +137,20 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     Ok(())
 }
 
+/// Unknowns of the spheres within a diameter of the border of a reservoir. The packing is cut there: in a
+/// strain of the body they have the body's field.
+fn near_border(spheres: &Body, border: &Faces) -> Vec<usize> {
+    let layout = spheres.model.layout();
+    let nodes = spheres.model.nodes().iter().enumerate();
+    let near = nodes.filter(|(_, x)| !border.is_empty() && border.distance(x) < spheres.spacing);
+    let unknowns = near.flat_map(|(k, _)| {
+        let turns = layout.translations() + layout.rotations * k;
+        let moves = layout.components * k;
+        (moves..moves + layout.components).chain(turns..turns + layout.rotations)
+    });
+    unknowns.collect()
+}
+
 impl Moving {
     /// Prepares the zone of a scene that goes where it is needed, if there is one.
     pub(in crate::setup) fn from_scene(
@@ -150,10 +168,11 @@ impl Moving {
             return Ok(None);
         };
         let [coarse, fine] = own.partners.models;
-        let [nodes, spheres] = [coarse, fine].map(|m| bodies[m].model.nodes().len());
+        let (border, nodes) = piece.reservoir(folder)?;
+        let spheres = bodies[fine].model.nodes().len();
         if own.partners.has_absorber() && (spheres as f64) < SPHERES * nodes as f64 {
             let rule = format!(
-                "{spheres} spheres for {nodes} nodes of the body are too few: the absorber of a later overlap could not tell their \
+                "{spheres} spheres for {nodes} nodes of the body there are too few: the absorber of a later overlap could not tell their \
                  motion from that of the body ({SPHERES} per node are enough); take smaller spheres or larger elements"
             );
             return Err(key(format!("zone.{name}.spacing"), rule));
@@ -162,7 +181,8 @@ impl Moving {
         let rate = speed / bodies[coarse].spacing;
         let motions = support::motions(scene, bodies, folder)?;
         let of_spheres = motions.iter().filter(|(m, _)| *m == fine);
-        let held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
+        let mut held: Vec<usize> = of_spheres.flat_map(|(_, motion)| motion.dofs.clone()).collect();
+        held.extend(near_border(&bodies[fine], &border));
         let responses = response::responses(&mut *bodies[fine].model, rate, &held)?;
         let on_body = scene.load.iter().enumerate().filter(|(_, l)| l.model == BODY);
         let loads = on_body.map(|(k, l)| {
@@ -174,7 +194,7 @@ impl Moving {
             loads: Arc::new(loads),
             responses: Arc::new(responses),
             name: name.to_owned(),
-            limits,
+            limits: limits.clone(),
             table: table.clone(),
             piece: piece.clone(),
             partners: own.partners.clone(),
@@ -210,11 +230,11 @@ impl Moving {
         Ok(owners.map(share).collect())
     }
 
-    /// For each element of the body: the support for which the zone must leave it to the body.
+    /// For each element of the body: the reason for which the zone must leave it to the body.
     ///
     /// # Errors
     /// See [`Self::mesh`].
-    pub(crate) fn barred(&self) -> Result<Vec<Option<usize>>> {
+    pub(crate) fn barred(&self) -> Result<Vec<Option<Bar>>> {
         self.piece.barred(&self.scene, &self.folder)
     }
 
@@ -235,9 +255,9 @@ impl Moving {
         Ok(out)
     }
 
-    /// Name of a support in messages.
-    pub(crate) fn support(&self, k: usize) -> String {
-        held::label(&self.scene, k)
+    /// Returns the warning for a zone that cannot go where bonds are loaded.
+    pub(crate) fn warning(&self, bar: Bar) -> String {
+        bar.warning(&self.name, &self.scene)
     }
 
     /// Returns the number of the element at a point; of points outside of all elements, that of the nearest

@@ -28,9 +28,18 @@ impl Place {
     /// Builds the region of a zone.
     pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
         let Zone { name, table, .. } = &cut.zones[zone];
-        let path = format!("zone.{name}.shape");
         let scale = table.scale.unwrap_or(cut.body.scale);
-        Ok(match &table.shape {
+        Self::from_shape((&format!("zone.{name}.shape"), &table.shape), scale, mesh, folder)
+    }
+
+    /// Builds the region of a shape with its key in the scene; a unit of its files is `scale` \[m\].
+    pub(super) fn from_shape(
+        (path, shape): (&str, &ZoneShape),
+        scale: f64,
+        mesh: &Mesh<f64>,
+        folder: &Path,
+    ) -> Result<Self> {
+        Ok(match shape {
             ZoneShape::Near {
                 group,
                 file,
@@ -49,7 +58,7 @@ impl Place {
                 let surface = files::surface(&key_path, &folder.join(file), scale)?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
-            shape => Self::Simple(simple(&path, shape)?),
+            shape => Self::Simple(simple(path, shape)?),
         })
     }
 
