@@ -45,6 +45,11 @@ fn weights(from: f64) -> [Weights<f64>; 2] {
 /// A cubic lattice of spheres, four across, with beams between neighbours. The zone moves by two layers, so
 /// that the masses of the two models change by equal amounts.
 fn lattice() -> DemModel {
+    lattice_with(&|_| true)
+}
+
+/// The lattice with some of its bonds, which are named by the centres of their spheres.
+fn lattice_with(keep: &dyn Fn([&Vector3<f64>; 2]) -> bool) -> DemModel {
     let (n, h) = (4, 0.25);
     let long = (LENGTH / h).round() as usize;
     let mut positions = Vec::new();
@@ -60,7 +65,7 @@ fn lattice() -> DemModel {
             let near = positions
                 .get(i + step)
                 .map(|x: &Vector3<f64>| (x - positions[i]).norm());
-            if near.is_some_and(|d| d < 1.01 * h) {
+            if near.is_some_and(|d| d < 1.01 * h) && keep([&positions[i], &positions[i + step]]) {
                 pairs.push([i as u32, (i + step) as u32]);
             }
         }
@@ -488,6 +493,53 @@ fn a_node_without_weight_is_refused_unless_it_may_sleep() {
     // The bar sleeps at the three inner cross-sections of the zone; the fine model beyond its ramps.
     assert_eq!(awake(0), (21 - 3) * 9);
     assert!(awake(1) < 20 * 16, "{}", awake(1));
+}
+
+/// A sphere just inside the outer border of the overlap, all bonds of which lead out, has a mass below
+/// round-off: it sleeps, and multipliers leave it alone.
+#[test]
+fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
+    let hung = Point3::new(7.625, 0.375, 0.625);
+    let border = hung.x + 1e-7;
+    let from = border - ZONE - RAMP;
+    let leads_out = |ends: [&Vector3<f64>; 2]| {
+        let is_of = ends.iter().any(|x| (*x - hung.coords).norm() < 1e-9);
+        !is_of || ends.iter().any(|x| x.x > border)
+    };
+    let bar = Bar::new(Fine::Spheres, 1);
+    // `reach` moves the mediators away from the weights.
+    let run = |reach: f64| {
+        let [coarse, fine] = weights(from);
+        let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
+        let law = Elastic::new(1.0, 0.0, 1.0).unwrap();
+        let motion = &mut random(7);
+        let elements = Subdomain::coarse(FemModel::new("bar", mesh, law).unwrap(), coarse).with_sleep();
+        let spheres = Subdomain::fine(lattice_with(&leads_out), fine).with_sleep();
+        let models = vec![with_state(elements, motion), with_state(spheres, motion)];
+        Coupled::new(models, bar.interfaces(from + reach), TimeStep::Fraction(0.5), None)
+    };
+    let mut coupled = run(0.0).unwrap();
+    let node_at = |x: &Point3<f64>, run: &Coupled<f64>| {
+        let nodes = run.subdomains()[1].model().nodes().iter();
+        let near = |y: &Point3<f64>| (y - x).norm() < 1e-9;
+        nodes.clone().position(near).unwrap()
+    };
+    let node = node_at(&hung, &coupled);
+    let beside = node_at(&(hung + Vector3::y() * 0.25), &coupled);
+    let spheres = &coupled.subdomains()[1];
+    assert!(spheres.is_asleep(node) && !spheres.is_asleep(beside));
+    let momentum = |run: &Coupled<f64>| run.momentum()[0];
+    let before = momentum(&coupled);
+    coupled.run(50, &mut Silent).unwrap();
+    assert!((momentum(&coupled) - before).norm() < 1e-13);
+    assert!(coupled.drift() < 1e-12, "{:e}", coupled.drift());
+    assert_eq!(&coupled.subdomains()[1].state().v[3 * node..3 * node + 3], &[0.0; 3]);
+    // A mediator that goes on beyond the weights by half a sphere is still refused.
+    let refused = run(0.15).map(|_| ());
+    assert!(
+        matches!(&refused, Err(Error::ZeroMass { model, .. }) if model == "fine"),
+        "{refused:?}"
+    );
 }
 
 #[test]

@@ -361,6 +361,7 @@ fn side<'a, T: Real>(
         field: &**subdomains[k].field(),
         layout: subdomains[k].model().layout(),
         inverse_inertia: subdomains[k].inverse_inertia(),
+        sleeping: subdomains[k].has_sleep().then(|| subdomains[k].inertia()),
         weight: &*subdomains[k].weights().kinetic,
     })
 }

@@ -68,7 +68,9 @@ pub(super) fn outside_of<T: Real>(t: &Tie<'_, T>) -> Result<f64> {
 /// Largest entry of a multiplier on a sleeping node, relative to the measure of the multiplier: round-off.
 const ASLEEP: f64 = 1e-12;
 
-/// Refuses multipliers on nodes that sleep: a node without mass cannot follow the other model.
+/// Refuses multipliers on nodes that sleep: a node without mass cannot follow the other model. Sums over
+/// particles leave out those that sleep at the border of the mediator (`interface::sums`): their entries are
+/// exactly zero, so that this limit need not know how small a mass is that counts as none.
 pub(super) fn refuse_asleep<T: Real>(draft: &Draft<T>, subdomains: &[Subdomain<T>]) -> Result<()> {
     for (m, s) in draft.interface.sides.iter().enumerate() {
         let s = &subdomains[*s];

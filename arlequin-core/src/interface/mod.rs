@@ -160,6 +160,8 @@ pub struct Side<'a, T: Real> {
     pub layout: DofLayout,
     /// Inverse weighted inertia of each unknown; zero where motion is prescribed.
     pub inverse_inertia: &'a [T],
+    /// Weighted inertia of each unknown, zero where a node sleeps; `None` if no node of the model may sleep.
+    pub sleeping: Option<&'a [T]>,
     /// Weight `β` of the model, between zero and one in the overlap.
     pub weight: &'a dyn Weight<T>,
 }

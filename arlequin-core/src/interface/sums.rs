@@ -1,4 +1,17 @@
 //! Sums of junction products over sampling points: the coupling matrices.
+//!
+//! A sum over particles has those that lie in the mediator and have mass:
+//!
+//! ```text
+//! B_ip = V_p N_i(x_p)   if m_p > 4 ε max m,   else 0       m_p = ρ_p V_p · mean of the weight over the bonds
+//! ```
+//!
+//! The mediator ends where the weight does, but a particle is inside of it by its centre, and has its mass by
+//! samples of the weight along its bonds. The first of them lies `c L` from the centre of a bond's end, with
+//! the bond's length `L` and `c` up to 0.03. A particle within this of the border, all bonds of which lead
+//! out, has no mass and sleeps although its centre lies in the overlap. Its velocity is nobody's, and no
+//! multiplier may act on it: the sums of both sides leave it out, which keeps the momenta. Particles that
+//! sleep deeper inside stay in the sums, and are refused.
 
 use super::assembly::{OVERHANG_LIMIT, PARTICLE_COVERAGE, Sampling};
 use super::rows::{Block, Part, Rows};
@@ -18,6 +31,9 @@ const SAMPLES: usize = 128;
 /// Tasks in flight. A batch is merged before the next one starts, so that dense blocks stay small beside the
 /// matrices.
 const BATCH: usize = 1024;
+/// Largest distance from the border of the mediator at which particles may sleep, in edges of a cube of their
+/// volume; more than three times that of the first sample on a bond.
+const BORDER: f64 = 0.1;
 
 /// Input of the sums, shared by all tasks.
 pub(super) struct Sampler<'a, T: Real> {
@@ -179,6 +195,33 @@ impl<'a, T: Real> Sampler<'a, T> {
         w > floor && w < T::one() - floor
     }
 
+    /// Returns whether the particle of the present sample sleeps, which has the columns `cols`.
+    fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> bool {
+        let side = self.beyond.as_ref().map(|b| b.particles);
+        let Some((m, inertia)) = side.and_then(|m| Some((m, self.sides[m].sleeping?))) else {
+            return false;
+        };
+        // Neighbours of a particle have gradients alone.
+        let own = cols[m].nodes.iter().zip(&cols[m].values).find(|n| *n.1 != T::zero());
+        own.is_some_and(|(node, _)| inertia[node * self.sides[m].layout.components] <= T::zero())
+    }
+
+    /// Returns whether a particle in the mediator lies at its border.
+    fn is_at_border(&self, s: &Sample<T>, row: &mut ShapeRow<T>) -> Result<bool> {
+        let reach = s.measure.cbrt() * T::of(BORDER);
+        for axis in 0..3 {
+            for sign in [-T::one(), T::one()] {
+                let mut x = s.point;
+                x[axis] += sign * reach;
+                match self.spec.mediator.shape_at(&x, false, row) {
+                    Err(Error::OutsideDomain { .. }) => return Ok(true),
+                    other => other?,
+                }
+            }
+        }
+        Ok(false)
+    }
+
     /// Adds samples to the sums. `cells`: cell of the mediator, coarse and fine field in which all of them
     /// lie, or [`NO_CELL`].
     pub(super) fn add(&self, worker: &mut Worker<T>, samples: &[Sample<T>], cells: [usize; 3]) -> Result<()> {
@@ -234,6 +277,9 @@ impl<'a, T: Real> Sampler<'a, T> {
             }
             if !inside {
                 worker.tally.lost += s.measure;
+                continue;
+            }
+            if self.sleeps(&worker.cols) && (is_beyond || self.is_at_border(s, &mut worker.reach[0])?) {
                 continue;
             }
             if is_beyond {

@@ -192,6 +192,7 @@ impl Case {
                 field: &*body.field,
                 layout: body.model.layout(),
                 inverse_inertia: &system.inverse[system.sides()[k].clone()],
+                sleeping: None,
                 weight: &*self.weights[k].kinetic,
             }
         };
