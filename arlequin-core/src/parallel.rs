@@ -121,12 +121,17 @@ impl Pieces {
 
     /// The unknowns of units of nodes that have any mass.
     pub(crate) fn with_mass<T: Real>(layout: &DofLayout, inertia: &[T]) -> Self {
+        Self::select(layout, &|piece| inertia[piece].iter().any(|m| *m > T::zero()))
+    }
+
+    /// The translations or rotations of units of nodes that `keep` takes.
+    pub(crate) fn select(layout: &DofLayout, keep: &dyn Fn(Range<usize>) -> bool) -> Self {
         let (first, mut out) = (layout.translations(), Vec::<Range<usize>>::new());
         for (base, per_node) in [(0, layout.components), (first, layout.rotations)] {
             for unit in (0..layout.nodes).step_by(UNIT) {
                 let end = layout.nodes.min(unit + UNIT);
                 let piece = base + per_node * unit..base + per_node * end;
-                if inertia[piece.clone()].iter().all(|m| *m <= T::zero()) {
+                if !keep(piece.clone()) {
                     continue;
                 }
                 match out.last_mut() {

@@ -420,6 +420,11 @@ impl BondedParticles {
         }
     }
 
+    /// Returns whether a bond has no stiffness: it broke, or its weight is zero.
+    pub(crate) fn has_no_stiffness(&self, b: usize) -> bool {
+        self.scales[b] <= 0.0
+    }
+
     /// Iterates over all bonds, weights included.
     pub fn bonds(&self) -> impl ExactSizeIterator<Item = LinearBond> + Clone {
         (0..self.pairs.len()).map(|b| self.bond(b))

@@ -516,7 +516,12 @@ fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
         let elements = Subdomain::coarse(FemModel::new("bar", mesh, law).unwrap(), coarse).with_sleep();
         let spheres = Subdomain::fine(lattice_with(&leads_out), fine).with_sleep();
         let models = vec![with_state(elements, motion), with_state(spheres, motion)];
-        Coupled::new(models, bar.interfaces(from + reach), TimeStep::Fraction(0.5), None)
+        Coupled::new(
+            models,
+            bar.interfaces(from + reach),
+            TimeStep::Fraction(0.5),
+            None,
+        )
     };
     let mut coupled = run(0.0).unwrap();
     let node_at = |x: &Point3<f64>, run: &Coupled<f64>| {
@@ -533,7 +538,10 @@ fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
     coupled.run(50, &mut Silent).unwrap();
     assert!((momentum(&coupled) - before).norm() < 1e-13);
     assert!(coupled.drift() < 1e-12, "{:e}", coupled.drift());
-    assert_eq!(&coupled.subdomains()[1].state().v[3 * node..3 * node + 3], &[0.0; 3]);
+    assert_eq!(
+        &coupled.subdomains()[1].state().v[3 * node..3 * node + 3],
+        &[0.0; 3]
+    );
     // A mediator that goes on beyond the weights by half a sphere is still refused.
     let refused = run(0.15).map(|_| ());
     assert!(

@@ -373,6 +373,10 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
         true
     }
 
+    fn nodes(&self) -> Option<&[u32]> {
+        self.exchange.is_none().then_some(&self.nodes)
+    }
+
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::damping(self.top_rate)
     }

@@ -242,6 +242,12 @@ pub trait Effect<T: Real>: AnyEffect<T> {
         false
     }
 
+    /// Nodes of this rank to whose displacement components alone the effect adds forces; `None` for an effect
+    /// that may add forces anywhere. A step then copies no internal forces elsewhere.
+    fn nodes(&self) -> Option<&[u32]> {
+        None
+    }
+
     /// Demand on the time step; for a partitioned model, by the nodes of this rank.
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()

@@ -202,7 +202,11 @@ impl<'a, T: Real> Sampler<'a, T> {
             return false;
         };
         // Neighbours of a particle have gradients alone.
-        let own = cols[m].nodes.iter().zip(&cols[m].values).find(|n| *n.1 != T::zero());
+        let own = cols[m]
+            .nodes
+            .iter()
+            .zip(&cols[m].values)
+            .find(|n| *n.1 != T::zero());
         own.is_some_and(|(node, _)| inertia[node * self.sides[m].layout.components] <= T::zero())
     }
 

@@ -218,10 +218,10 @@ impl<T: Real> Subdomain<T> {
 
     /// Power of the moving supports on this rank \[W\], without that of coupling forces on them.
     fn support_power(&self) -> Exact {
-        let (mut sum, total) = (Exact::zero(), self.forces.total());
+        let mut sum = Exact::zero();
         for d in self.moving().flat_map(|m| m.dofs.iter().copied()) {
             // The support supplies what inertia needs beyond all other forces.
-            let reaction = self.inertia[d] * self.state.a[d] - total[d];
+            let reaction = self.inertia[d] * self.state.a[d] - self.forces.total_at(d);
             sum.add((reaction * self.state.v[d]).as_f64());
         }
         sum

@@ -74,7 +74,7 @@ impl<T: Real> Subdomain<T> {
                 out.fill(T::zero());
                 self.model.add_internal_forces(&self.state.q, out)?;
             }
-            Stepper::Verlet => out.copy_from_slice(self.forces.total()),
+            Stepper::Verlet => self.forces.write_total(out),
         }
         Ok(())
     }

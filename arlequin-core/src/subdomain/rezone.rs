@@ -87,6 +87,7 @@ impl<T: Real> Subdomain<T> {
         self.weigh_unknowns()?;
         // A model that makes its steps itself has no force arrays, and the start evaluates forces.
         self.forces.reclaim(self.inertia.len());
+        self.forces.expect_anywhere();
         self.energies = Energies::unknown();
         for (k, spec) in effects.into_iter().enumerate() {
             let old = &self.effects[k];

@@ -7,6 +7,7 @@ use crate::model::{DofLayout, Evolution, State};
 use crate::parallel::Pieces;
 use crate::phase::Phase;
 use crate::{Real, Result, parallel};
+use std::ops::Range;
 
 /// Callback that is called before each phase of a step.
 pub(crate) type Announce<'a> = dyn FnMut(Phase) + Send + 'a;
@@ -27,7 +28,7 @@ pub(crate) struct StepEnd<T> {
 enum Loads<T> {
     /// No other forces.
     Absent,
-    /// All forces, internal ones included, of a subdomain with effects of its own.
+    /// All forces, internal ones included, of a subdomain with effects of its own; only where these act.
     Own(Vec<T>),
     /// All forces of a subdomain to which pair effects add theirs before it is accelerated.
     Paired(Vec<T>),
@@ -43,6 +44,9 @@ pub(super) struct Forces<T> {
     loads: Loads<T>,
     /// All unknowns, and those whose nodes do not all sleep.
     pieces: [Pieces; 2],
+    /// Those of `pieces` on which effects act, and the others.
+    acted_on: [Pieces; 2],
+    left_alone: [Pieces; 2],
     /// Steps until both arrays of a pair have what sleeping nodes keep.
     unsettled: u8,
     /// False between a restored state and its first step, when forces are not those of the present state.
@@ -59,6 +63,8 @@ impl<T: Real> Forces<T> {
             q_before: vec![T::zero(); dofs],
             loads: Loads::Absent,
             pieces: [Pieces::whole(dofs), Pieces::whole(dofs)],
+            acted_on: [Pieces::whole(dofs), Pieces::whole(dofs)],
+            left_alone: Default::default(),
             unsettled: 2,
             known: false,
             released: false,
@@ -69,6 +75,33 @@ impl<T: Real> Forces<T> {
     pub(super) fn leave_out(&mut self, layout: &DofLayout, inertia: &[T]) {
         self.pieces[1] = Pieces::with_mass(layout, inertia);
         self.unsettled = 2;
+    }
+
+    /// Tells the nodes to whose displacements effects add forces; `None` if they act anywhere.
+    fn expect_at(&mut self, layout: &DofLayout, nodes: Option<Vec<bool>>) {
+        self.acted_on = self.pieces.clone();
+        self.left_alone = Default::default();
+        let Some(nodes) = nodes.filter(|_| !self.is_paired()) else {
+            return;
+        };
+        let d = layout.components;
+        let is_acted_on = |piece: &Range<usize>| {
+            piece.end <= layout.translations() && nodes[piece.start / d..piece.end / d].contains(&true)
+        };
+        for (k, pieces) in self.pieces.iter().enumerate() {
+            let [acted_on, left_alone] = [true, false].map(|which| {
+                Pieces::select(layout, &|piece| {
+                    pieces.contains(piece.start) && is_acted_on(&piece) == which
+                })
+            });
+            (self.acted_on[k], self.left_alone[k]) = (acted_on, left_alone);
+        }
+    }
+
+    /// Lets effects act anywhere, until the next start tells where they act.
+    pub(super) fn expect_anywhere(&mut self) {
+        self.acted_on = self.pieces.clone();
+        self.left_alone = Default::default();
     }
 
     /// Passes over all unknowns again, whose values have been set from outside.
@@ -165,21 +198,34 @@ impl<T: Real> Forces<T> {
         [&self.q_before, &self.internal_before]
     }
 
-    /// All forces, internal ones included.
-    pub(super) fn total(&self) -> &[T] {
+    /// All forces on an unknown, internal ones included.
+    pub(super) fn total_at(&self, unknown: usize) -> T {
         match &self.loads {
-            Loads::Absent => &self.internal,
-            Loads::Own(total) | Loads::Paired(total) => total,
+            Loads::Own(total) | Loads::Paired(total) if self.acted_on().contains(unknown) => total[unknown],
+            _ => self.internal[unknown],
         }
+    }
+
+    /// Writes all forces, internal ones included.
+    pub(super) fn write_total(&self, out: &mut [T]) {
+        out.copy_from_slice(&self.internal);
+        if let Loads::Own(total) | Loads::Paired(total) = &self.loads {
+            let ranges = self.acted_on().ranges().iter();
+            ranges.for_each(|r| out[r.clone()].copy_from_slice(&total[r.clone()]));
+        }
+    }
+
+    fn acted_on(&self) -> &Pieces {
+        &self.acted_on[usize::from(self.unsettled == 0)]
     }
 
     fn is_paired(&self) -> bool {
         matches!(self.loads, Loads::Paired(_))
     }
 
-    /// Sets all forces to the internal ones.
+    /// Sets all forces to the internal ones, where effects act.
     fn reset_total(&mut self) {
-        let pieces = &self.pieces[usize::from(self.unsettled == 0)];
+        let pieces = &self.acted_on[usize::from(self.unsettled == 0)];
         if let Loads::Own(total) | Loads::Paired(total) = &mut self.loads {
             pieces.run([total], [&self.internal], &|[total], [internal]| {
                 total.copy_from_slice(internal);
@@ -247,7 +293,14 @@ impl<T: Real> Subdomain<T> {
         let half = step_end.since * T::of(0.5);
         let State { v, a, .. } = &mut self.state;
         let (forces, w) = (&self.forces, &self.inverse_inertia);
-        parallel::accelerate(forces.pieces(), half, [v, a], forces.total(), w);
+        match &forces.loads {
+            Loads::Absent => parallel::accelerate(forces.pieces(), half, [v, a], &forces.internal, w),
+            Loads::Own(total) | Loads::Paired(total) => {
+                let left_alone = &forces.left_alone[usize::from(forces.unsettled == 0)];
+                parallel::accelerate(left_alone, half, [&mut *v, &mut *a], &forces.internal, w);
+                parallel::accelerate(forces.acted_on(), half, [&mut *v, &mut *a], total, w);
+            }
+        }
         for motion in &self.supports {
             // Prescribed unknowns take no part in the acceleration: their inverse inertia is zero.
             let (_, velocity, acceleration) = motion.kinematics(step_end.time, step_end.dt);
@@ -282,9 +335,18 @@ impl<T: Real> Subdomain<T> {
     /// Computes forces and accelerations of the start, after [`Self::set_prescribed`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
         self.forces.known = true;
+        let layout = self.model.layout();
         if self.sleeps {
-            self.forces.leave_out(&self.model.layout(), &self.inertia);
+            self.forces.leave_out(&layout, &self.inertia);
         }
+        let nodes = self
+            .effects
+            .iter()
+            .try_fold(vec![false; layout.nodes], |mut all, e| {
+                e.effect.nodes()?.iter().for_each(|k| all[*k as usize] = true);
+                Some(all)
+            });
+        self.forces.expect_at(&layout, nodes);
         if self.is_external() {
             self.external_start();
             return Ok(());

@@ -35,16 +35,18 @@ pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -
     let mut inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
     held.iter().for_each(|k| inverse[*k] = 0.0);
     let mut out = vec![Response([[Vector3::zeros(); 2]; 6]); layout.nodes];
+    let mut space = Space::new(layout.dofs());
     for (k, [i, j]) in PLACES.into_iter().enumerate() {
         let mut strain = Matrix3::zeros();
         strain[(i, j)] += 0.5 * SMALL;
         strain[(j, i)] += 0.5 * SMALL;
-        let mut u = vec![0.0; layout.dofs()];
-        for (u, x) in u.chunks_exact_mut(3).zip(model.nodes()) {
+        // Rotations of the field are zero; the last strain left others here.
+        space.p.fill(0.0);
+        for (u, x) in space.p.chunks_exact_mut(3).zip(model.nodes()) {
             u.copy_from_slice((strain * x.coords).as_slice());
         }
-        let chi = relaxed(model, &u, (&mass, &inverse, rate * rate))?;
-        let (moves, turns) = chi.split_at(layout.translations());
+        space.relax(model, (&mass, &inverse, rate * rate))?;
+        let (moves, turns) = space.x.split_at(layout.translations());
         for (r, (u, th)) in out
             .iter_mut()
             .zip(moves.chunks_exact(3).zip(turns.chunks_exact(3)))
@@ -55,41 +57,66 @@ pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -
     Ok(out)
 }
 
-/// Solves `(K + s M) χ = −K u` by conjugate gradients with the masses as preconditioner.
-fn relaxed(
-    model: &mut dyn Model<f64>,
-    u: &[f64],
-    (mass, inverse, s): (&[f64], &[f64], f64),
-) -> Result<Vec<f64>> {
-    // Internal forces are `−K u`.
-    let mut forces = |q: &[f64]| {
-        let mut f = vec![0.0; q.len()];
-        model.add_internal_forces(q, &mut f).map_err(core("zone"))?;
-        Ok(f)
-    };
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let by_mass = |r: &[f64]| r.iter().zip(inverse).map(|(r, m)| r * m).collect::<Vec<f64>>();
-    let mut r = forces(u)?;
-    let mut x = vec![0.0; u.len()];
-    let mut p = by_mass(&r);
-    let mut size = dot(&r, &p);
-    let enough = size * TOLERANCE * TOLERANCE;
-    for _ in 0..ITERATIONS {
-        if size <= enough {
-            break;
+/// Vectors of the conjugate gradients. They are allocated once: new ones in every iteration would cost more
+/// than the sums.
+struct Space {
+    /// Solution `χ`.
+    x: Vec<f64>,
+    /// Residual.
+    r: Vec<f64>,
+    /// At first the displacements `u`, then the direction of search.
+    p: Vec<f64>,
+    /// Forces `−K p`.
+    f: Vec<f64>,
+}
+
+impl Space {
+    fn new(dofs: usize) -> Self {
+        let zero = || vec![0.0; dofs];
+        Self {
+            x: zero(),
+            r: zero(),
+            p: zero(),
+            f: zero(),
         }
-        let f = forces(&p)?;
-        let product: Vec<f64> = (0..p.len()).map(|i| s * mass[i] * p[i] - f[i]).collect();
-        let step = size / dot(&p, &product);
-        for i in 0..p.len() {
-            x[i] += step * p[i];
-            r[i] -= step * product[i];
-        }
-        let z = by_mass(&r);
-        let next = dot(&r, &z);
-        let share = next / size;
-        p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + share * *p);
-        size = next;
     }
-    Ok(x)
+
+    /// Solves `(K + s M) χ = −K u` by conjugate gradients with the masses as preconditioner.
+    fn relax(&mut self, model: &mut dyn Model<f64>, (mass, inverse, s): (&[f64], &[f64], f64)) -> Result<()> {
+        let Self { x, r, p, f } = self;
+        // Internal forces are `−K u`.
+        r.fill(0.0);
+        model.add_internal_forces(p, r).map_err(core("zone"))?;
+        x.fill(0.0);
+        let by_mass = r.iter().zip(inverse).map(|(r, m)| r * m);
+        p.iter_mut().zip(by_mass).for_each(|(p, z)| *p = z);
+        let mut size = r.iter().zip(&*p).map(|(r, p)| r * p).sum::<f64>();
+        let enough = size * TOLERANCE * TOLERANCE;
+        for _ in 0..ITERATIONS {
+            if size <= enough {
+                break;
+            }
+            f.fill(0.0);
+            model.add_internal_forces(p, f).map_err(core("zone"))?;
+            let mut power = 0.0;
+            for ((f, p), m) in f.iter_mut().zip(&*p).zip(mass) {
+                // The product with the whole matrix takes the place of the forces.
+                *f = s * m * p - *f;
+                power += p * *f;
+            }
+            let step = size / power;
+            let mut next = 0.0;
+            for (((x, r), (p, f)), m) in x.iter_mut().zip(&mut *r).zip(p.iter().zip(&*f)).zip(inverse) {
+                *x += step * p;
+                *r -= step * f;
+                next += *r * (*r * m);
+            }
+            let share = next / size;
+            for ((p, r), m) in p.iter_mut().zip(&*r).zip(inverse) {
+                *p = r * m + share * *p;
+            }
+            size = next;
+        }
+        Ok(())
+    }
 }
