@@ -405,8 +405,9 @@ fn an_interrupted_sweep_keeps_finished_runs_and_goes_on() {
 /// At twice the frequency the predicted error is four to eight times as large and asks for a finer mesh:
 /// reflections from an overlap grow with the square of the frequency, the lag of a lattice with its cube.
 ///
-/// The error that is asked for lies between those of the scene as given (spacing 0.1 m): the slow signal keeps
-/// that spacing or a coarser one whatever the trial steps take on a busy machine, and the fast one cannot.
+/// The error that is asked for lies between those of the scene as given (spacing 0.1 m): the slow signal
+/// keeps that spacing or a coarser one whatever the trial steps take on a busy machine, and the fast one
+/// cannot.
 #[test]
 fn the_frequency_that_is_asked_for_decides_the_error() {
     let path = folder("suggest-frequency", SWEEP);

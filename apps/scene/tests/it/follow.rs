@@ -305,14 +305,19 @@ fn a_zone_that_follows_stays_off_supports_and_loads() {
         assert!(message.contains(words) && message.contains("crack"), "{message}");
     }
     // The strip has to hold the zone from 6 to 14 mm and its overlap of 3 mm.
-    let narrow = "follow.within.box = { low = [-1e-3, 4e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
-    let changed = text.replace("follow = true", narrow);
-    let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
-    let message = checked.expect_err("a narrow strip").to_string();
-    assert!(
-        message.contains("zone.crack.follow.within") && message.contains("must lie inside"),
-        "{message}"
-    );
+    for (low, words) in [
+        ("[-1e-3, 4e-3, -1e-3]", "must lie inside"),
+        ("[41e-3, 4e-3, -1e-3]", "no element"),
+    ] {
+        let within = format!("follow.within.box = {{ low = {low}, high = [42e-3, 17e-3, 3e-3] }}");
+        let changed = text.replace("follow = true", &within);
+        let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
+        let message = checked.expect_err(words).to_string();
+        assert!(
+            message.contains("zone.crack.follow.within") && message.contains(words),
+            "{message}"
+        );
+    }
     // As far as it may go.
     let widest = text
         .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 4e-3, -1e-3]")

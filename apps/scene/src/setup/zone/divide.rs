@@ -19,6 +19,10 @@ use std::sync::Arc;
 /// Tolerance for nodes on a border, in element lengths; they count as outside.
 const ON_BORDER: f64 = 1e-6;
 
+/// Rule that a region breaks in which the body has no element.
+const EMPTY: &str =
+    "no element of the body has a node or its middle there; make it larger or move it, or refine the body";
+
 /// Owner of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Owner {
@@ -124,6 +128,9 @@ fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
         |e: usize| mesh.element(e).iter().any(|k| at_nodes[*k as usize]) || inside(&centroid(mesh, e));
     let mut out: Vec<bool> = (0..mesh.element_count()).map(holds).collect();
     loop {
+        if !out.contains(&true) {
+            return Err(key(path, EMPTY));
+        }
         let crowded = crowded_edges(mesh, |e| out[e]);
         if crowded.is_empty() {
             return Ok(out);
@@ -177,8 +184,7 @@ impl<'a> Deal<'a> {
             sides: (0..mesh.element_count()).map(side).collect(),
         };
         if !deal.sides.contains(&Side::Core) {
-            let rule = "no element of the body has a node or its middle there; make it larger or move it, or refine the body";
-            return Err(key(deal.path("shape"), rule));
+            return Err(key(deal.path("shape"), EMPTY));
         }
         // Elements of the layer between elements of the core would have the position zero throughout.
         deal.fill(Side::Layer, Side::Core);

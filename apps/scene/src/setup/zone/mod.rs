@@ -271,8 +271,8 @@ impl Piece {
         Ok((triangles_of(&mesh), mesh))
     }
 
-    /// Surface of the elements of a zone or reservoir together with those around them, far enough for spheres up to `margin`
-    /// \[m\] beyond the border; and the faces between both.
+    /// Surface of the elements of a zone or reservoir together with those around them, far enough for spheres
+    /// up to `margin` \[m\] beyond the border; and the faces between both.
     pub(super) fn extended_surface(
         &self,
         folder: &Path,
