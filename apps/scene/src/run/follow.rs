@@ -16,7 +16,7 @@
 //! join as well that are near to it ([`AHEAD`], [`SOON`]). Elements near a support or a load, and beyond
 //! `follow.within`, stay with the body.
 
-use super::quiet::{PLACES, Quiet, Strain};
+use super::quiet::{PLACES, Quiet, Seen, Strain};
 use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
 use crate::setup::{Bar, Built, Grid, Moving, Share};
@@ -47,6 +47,10 @@ pub(crate) struct Followed {
     seen: usize,
     /// True if an element has woken too late.
     late: bool,
+    /// True once the body was loaded like spheres that break, outside of `follow.within`.
+    outside: bool,
+    /// Last looks at the elements.
+    last: Vec<Seen>,
 }
 
 /// A zone that follows.
@@ -73,6 +77,8 @@ pub(crate) struct Follow {
     middles: Vec<Vector3<f64>>,
     /// Elements that the zone began with: notches may cut them.
     first: Vec<bool>,
+    /// For each element: true if spheres fill it.
+    filled: Vec<bool>,
     /// For each element: the reason for which it stays with the body.
     barred: Vec<Option<Bar>>,
 }
@@ -109,11 +115,12 @@ impl Placed {
     }
 }
 
-/// Findings of a look: the elements that the zone should have, the worst bond that slept, and what keeps the
-/// zone from where bonds are loaded.
+/// Findings of a look: the elements that the zone should have, the worst bond that slept, the most loaded
+/// element that has no spheres, and what keeps the zone from where bonds are loaded.
 struct Look {
     core: Vec<bool>,
     late: Option<(usize, f64)>,
+    outside: Option<(usize, f64)>,
     barred: Option<Bar>,
 }
 
@@ -151,8 +158,8 @@ impl Follow {
         debug_assert_eq!(body.model().nodes().len(), moving.mesh()?.nodes().len());
         let of_elements = in_unit_strains((bonds, &of_bonds), nodes, &moving, centres.len());
         let first: Vec<bool> = shares.iter().map(|s| *s == Share::Zone).collect();
+        let quiet = Quiet::new(field, &centres, of_elements)?;
         let mut out = Self {
-            quiet: Quiet::new(field, &centres, of_elements)?,
             rim: Vec::new(),
             stale: Vec::new(),
             state: Followed {
@@ -160,8 +167,12 @@ impl Follow {
                 conversions: Vec::new(),
                 seen: 0,
                 late: false,
+                outside: false,
+                last: quiet.unseen(),
             },
+            quiet,
             neighbours: neighbours(&moving)?,
+            filled: moving.filled()?,
             barred: moving.barred()?,
             rows: rows.map_err(core("body"))?,
             homes: [of_spheres, of_bonds],
@@ -213,6 +224,20 @@ impl Follow {
                  to {u:.2} of its strength; take a lower wake, a smaller every, or a larger shape",
                 self.moving.name,
                 run.time()
+            );
+            if self.moving.limits.strict {
+                return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
+            }
+            warnings.push(text);
+        }
+        if let Some((e, u)) = look.outside.filter(|_| !self.state.outside) {
+            self.state.outside = true;
+            let [x, y, z]: [f64; 3] = self.moving.centres()?[e].coords.into();
+            let text = format!(
+                "at t = {:.4e} s the body is loaded at ({x:.3e}, {y:.3e}, {z:.3e}) m, outside of zone.{}.follow.within, like spheres at \
+                 {u:.2} of their strength: what would break there stays whole; take a larger region",
+                run.time(),
+                self.moving.name
             );
             if self.moving.limits.strict {
                 return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
@@ -299,6 +324,7 @@ impl Follow {
         let mut out = Look {
             core: self.state.core.clone(),
             late: None,
+            outside: None,
             barred: None,
         };
         let Some(bonds) = spheres.model().views().breakable else {
@@ -314,7 +340,15 @@ impl Follow {
         let watched = |b: usize| (releases || self.rim[of_bonds[b] as usize]) && awake(b);
         let loads = bonds.utilisations(&spheres.state().q, &watched);
         let strains = self.quiet.strains(&body.state().q);
-        let loud = self.quiet.may_reach(SOON * limits.wake, &strains);
+        let loud = self
+            .quiet
+            .may_reach(SOON * limits.wake, &strains, &self.state.last);
+        for e in (0..loud.len()).filter(|e| !self.filled[*e]) {
+            let u = self.quiet.typical(&strains[e]);
+            if u >= 1.0 && out.outside.is_none_or(|o| u > o.1) {
+                out.outside = Some((e, u));
+            }
+        }
         let looked_at = |b: usize| loud[of_bonds[b] as usize] && !in_zone(b);
         let mut wanted = vec![false; of_spheres.len()];
         for b in (0..pairs.len()).filter(|b| looked_at(*b)) {
@@ -334,7 +368,7 @@ impl Follow {
             }
         }
         for e in (0..loud.len()).filter(|e| loud[*e]) {
-            self.quiet.note(e, strains[e], largest[e]);
+            self.state.last[e] = (strains[e], largest[e]);
         }
         if let Some(release) = limits.release {
             let of_zone = loads.iter().zip(of_bonds).filter(|(u, _)| **u >= release);

@@ -23,6 +23,11 @@ const VARIES: f64 = 3.0;
 /// Strain of an element `xx yy zz yz zx xy` \[–\], shears as `γ = 2ε`.
 pub(super) type Strain = [f64; 6];
 
+/// Strain of an element and the largest utilisation of its bonds at the last look at it; the utilisation is
+/// infinite before. Checkpoints have them: the bound is not strict, so that a run that begins with other looks
+/// could find other elements.
+pub(super) type Seen = (Strain, f64);
+
 /// Elements with their strains and utilisations at the last looks.
 #[derive(Debug)]
 pub(super) struct Quiet {
@@ -30,13 +35,12 @@ pub(super) struct Quiet {
     rows: Vec<ShapeRow<f64>>,
     /// For each element: the largest utilisations of its bonds in unit strains.
     per_strain: Vec<Strain>,
-    /// Strain and largest utilisation at the last look.
-    last: Vec<(Strain, f64)>,
+    /// Largest utilisations in unit strains in the mean of the elements that have bonds.
+    typical: Strain,
 }
 
 impl Quiet {
-    /// Creates the record of elements with these centres and utilisations in unit strains. No look was made
-    /// yet.
+    /// Creates the record of elements with these centres and utilisations in unit strains.
     pub(super) fn new(
         field: &dyn Interpolation<f64>,
         centres: &[Point3<f64>],
@@ -47,11 +51,26 @@ impl Quiet {
             field.shape_at(x, true, &mut row).map_err(core("body"))?;
             Ok(row)
         };
+        let with_bonds = || per_strain.iter().filter(|s| s[0] > 0.0);
+        let count = with_bonds().count().max(1) as f64;
+        let typical = std::array::from_fn(|k| with_bonds().map(|s| s[k]).sum::<f64>() / count);
         Ok(Self {
             rows: centres.par_iter().map(row).collect::<Result<_>>()?,
             per_strain,
-            last: vec![([0.0; 6], f64::INFINITY); centres.len()],
+            typical,
         })
+    }
+
+    /// Record of looks before the first one.
+    pub(super) fn unseen(&self) -> Vec<Seen> {
+        vec![([0.0; 6], f64::INFINITY); self.rows.len()]
+    }
+
+    /// Returns the largest utilisation that bonds of a typical element would have in a strain: that of its
+    /// largest component, a lower bound up to the scatter of packings.
+    pub(super) fn typical(&self, strain: &Strain) -> f64 {
+        let each = strain.iter().zip(&self.typical);
+        each.map(|(e, k)| e.abs() * k).fold(0.0, f64::max)
     }
 
     /// Strains at the centres of the elements for displacements `q` of the body.
@@ -66,18 +85,14 @@ impl Quiet {
         self.rows.par_iter().map(strain).collect()
     }
 
-    /// Returns for each element whether a bond in it may have reached the utilisation `limit`.
-    pub(super) fn may_reach(&self, limit: f64, strains: &[Strain]) -> Vec<bool> {
-        let elements = strains.iter().zip(&self.last).zip(&self.per_strain);
-        let may = |((now, (then, u)), each): ((&Strain, &(Strain, f64)), &Strain)| {
+    /// Returns for each element whether a bond in it may have reached the utilisation `limit` since it was
+    /// seen `last`.
+    pub(super) fn may_reach(&self, limit: f64, strains: &[Strain], last: &[Seen]) -> Vec<bool> {
+        let elements = strains.iter().zip(last).zip(&self.per_strain);
+        let may = |((now, (then, u)), each): ((&Strain, &Seen), &Strain)| {
             let rise: f64 = (0..6).map(|k| each[k] * (now[k] - then[k]).abs()).sum();
             u + VARIES * rise >= limit
         };
         elements.map(may).collect()
-    }
-
-    /// Keeps the largest utilisation that a look found in an element.
-    pub(super) fn note(&mut self, e: usize, strain: Strain, u: f64) {
-        self.last[e] = (strain, u);
     }
 }

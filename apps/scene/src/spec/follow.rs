@@ -31,7 +31,8 @@ pub struct FollowTable {
     /// grows.
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0))]
     pub release: Option<f64>,
-    /// Ends the run if an element woke too late: a bond would have broken before. Otherwise the run warns.
+    /// Ends the run if an element woke too late: a bond would have broken before; and if the body is loaded
+    /// beyond the strength of spheres outside of `within`. Otherwise the run warns.
     pub strict: bool,
 }
 

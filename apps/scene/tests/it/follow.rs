@@ -163,6 +163,66 @@ fn spheres_fill_the_region_in_which_the_zone_may_go() {
     assert!(summary.conversions.iter().all(|c| c.cells[1] <= whole));
 }
 
+/// Clamps that hold the plate beyond the region load it there, where there are no spheres to break.
+#[test]
+fn loads_beyond_the_region_of_spheres_are_told() {
+    let far = |strict: &str| {
+        let within = format!(
+            "follow = {{ strict = {strict}, within.box = {{ low = [-1e-3, 3e-3, -1e-3], high = [20e-3, 17e-3, 3e-3] }} }}"
+        );
+        scene(&[
+            COARSE[0],
+            ("end = 70e-6", "end = 24e-6"),
+            ("amplitude = 4e-6", "amplitude = 30e-6"),
+            ("follow = true", &within),
+            (
+                "where = \"y-min\"",
+                "where.box = { low = [30e-3, 0.0, 0.0], high = [40e-3, 0.0, 2e-3] }",
+            ),
+            (
+                "where = \"y-max\"",
+                "where.box = { low = [30e-3, 20e-3, 0.0], high = [40e-3, 20e-3, 2e-3] }",
+            ),
+        ])
+    };
+    let warnings = run(&far("false")).summary().warnings.clone();
+    let told = warnings
+        .iter()
+        .filter(|w| w.contains("outside of zone.crack.follow.within"));
+    assert_eq!(told.count(), 1, "{warnings:?}");
+    let error = far("true").prepare().expect("built").run(&mut Silent);
+    let message = error.map(|_| ()).expect_err("a load beyond").to_string();
+    assert!(
+        message.contains("follow.strict") && message.contains("take a larger region"),
+        "{message}"
+    );
+}
+
+/// What a look leaves out depends on the looks before: a run that goes on between two looks has them.
+#[test]
+fn a_run_that_is_resumed_between_looks_finds_the_same_elements() {
+    let strip = "follow.within.box = { low = [-1e-3, 3e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
+    let scene = scene(&[
+        COARSE[0],
+        ("end = 70e-6", "end = 40e-6"),
+        ("follow = true", strip),
+    ]);
+    let changes = |results: &Results| -> Vec<[usize; 3]> {
+        let all = results.summary().conversions.iter();
+        all.map(|c| [c.step, c.cells[0], c.cells[1]]).collect()
+    };
+    let whole = run(&scene);
+    let last = whole.summary().conversions.last().expect("changes").step;
+    let part = scene
+        .prepare()
+        .expect("built")
+        .run(&mut Stop(last - 3))
+        .expect("runs");
+    let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+    assert_eq!(changes(&done), changes(&whole));
+    assert!(bits(&done) == bits(&whole));
+}
+
 struct Stop(usize);
 
 impl Observer for Stop {

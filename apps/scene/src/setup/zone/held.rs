@@ -95,7 +95,7 @@ pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Re
 /// Reason for which a zone that moves leaves an element to the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bar {
-    /// A support or load is near, with this number among [`anchors`].
+    /// A support or load is near, with this number among those of the scene.
     Anchor(usize),
     /// The border of `follow.within` is near.
     Border,

@@ -230,6 +230,18 @@ impl Moving {
         Ok(owners.map(share).collect())
     }
 
+    /// For each element of the body: true if spheres fill it.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn filled(&self) -> Result<Vec<bool>> {
+        let division = self.piece.cut.division(&self.folder)?;
+        Ok(match division.reservoir.is_empty() {
+            true => vec![true; division.owners.len()],
+            false => division.reservoir.to_vec(),
+        })
+    }
+
     /// For each element of the body: the reason for which the zone must leave it to the body.
     ///
     /// # Errors
