@@ -24,8 +24,8 @@ const VARIES: f64 = 3.0;
 pub(super) type Strain = [f64; 6];
 
 /// Strain of an element and the largest utilisation of its bonds at the last look at it; the utilisation is
-/// infinite before. Checkpoints have them: the bound is not strict, so that a run that begins with other looks
-/// could find other elements.
+/// infinite before. Checkpoints have them: the bound is not strict, so that a run that begins with other
+/// looks could find other elements.
 pub(super) type Seen = (Strain, f64);
 
 /// Elements with their strains and utilisations at the last looks.
