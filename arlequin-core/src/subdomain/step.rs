@@ -44,8 +44,9 @@ pub(super) struct Forces<T> {
     loads: Loads<T>,
     /// All unknowns, and those whose nodes do not all sleep.
     pieces: [Pieces; 2],
-    /// Those of `pieces` on which effects act, and the others.
+    /// The parts of `pieces` on which effects act.
     acted_on: [Pieces; 2],
+    /// The other parts of `pieces`.
     left_alone: [Pieces; 2],
     /// Steps until both arrays of a pair have what sleeping nodes keep.
     unsettled: u8,
@@ -77,7 +78,7 @@ impl<T: Real> Forces<T> {
         self.unsettled = 2;
     }
 
-    /// Tells the nodes to whose displacements effects add forces; `None` if they act anywhere.
+    /// Sets the nodes to whose displacements effects add forces; with `None` effects may act anywhere.
     fn expect_at(&mut self, layout: &DofLayout, nodes: Option<Vec<bool>>) {
         self.acted_on = self.pieces.clone();
         self.left_alone = Default::default();

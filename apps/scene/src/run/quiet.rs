@@ -28,7 +28,7 @@ pub(super) type Strain = [f64; 6];
 /// looks could find other elements.
 pub(super) type Seen = (Strain, f64);
 
-/// Elements with their strains and utilisations at the last looks.
+/// Elements with what bounds the utilisations of their bonds.
 #[derive(Debug)]
 pub(super) struct Quiet {
     /// Gradients of the body's shape functions at the centre of each element.
@@ -61,7 +61,7 @@ impl Quiet {
         })
     }
 
-    /// Record of looks before the first one.
+    /// Returns the record of an unseen element for each element: its utilisation is infinite.
     pub(super) fn unseen(&self) -> Vec<Seen> {
         vec![([0.0; 6], f64::INFINITY); self.rows.len()]
     }

@@ -198,7 +198,7 @@ fn loads_beyond_the_region_of_spheres_are_told() {
     );
 }
 
-/// What a look leaves out depends on the looks before: a run that goes on between two looks has them.
+/// A look leaves out elements by what the looks before it found, so that a checkpoint needs these.
 #[test]
 fn a_run_that_is_resumed_between_looks_finds_the_same_elements() {
     let strip = "follow.within.box = { low = [-1e-3, 3e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
