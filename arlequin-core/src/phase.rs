@@ -16,6 +16,8 @@ pub enum Phase {
     Interface,
     /// Equilibrium of a load step, see [`crate::Coupled::settle`]; announced by the caller.
     Equilibrium,
+    /// Change of weights, see [`crate::Coupled::rezone`], and what decides on it; announced by the caller.
+    Rezone,
     /// Energy ledger.
     Ledger,
     /// Observers.

@@ -23,7 +23,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 /// Format number; to be increased whenever the payload changes.
-const FORMAT: u32 = 7;
+const FORMAT: u32 = 8;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;

@@ -19,7 +19,7 @@
 use super::quiet::{PLACES, Quiet, Seen, Strain};
 use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
-use crate::setup::{Bar, Built, Grid, Moving, Share};
+use crate::setup::{BODY, Bar, Built, Grid, Moving, Share};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{Breakable, Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
@@ -49,6 +49,8 @@ pub(crate) struct Followed {
     late: bool,
     /// True once the body was loaded like spheres that break, outside of `follow.within`.
     outside: bool,
+    /// Probes whose model sleeps at their place, or slept there: the user knows of them.
+    asleep: Vec<String>,
     /// Last looks at the elements.
     last: Vec<Seen>,
 }
@@ -72,8 +74,6 @@ pub(crate) struct Follow {
     /// Elements so near to others outside of the zone that bonds in them can bring these along.
     rim: Vec<bool>,
     quiet: Quiet,
-    /// Probes of the body that lie in the zone by now.
-    stale: Vec<String>,
     middles: Vec<Vector3<f64>>,
     /// Elements that the zone began with: notches may cut them.
     first: Vec<bool>,
@@ -161,13 +161,13 @@ impl Follow {
         let quiet = Quiet::new(field, &centres, of_elements)?;
         let mut out = Self {
             rim: Vec::new(),
-            stale: Vec::new(),
             state: Followed {
                 core: first.clone(),
                 conversions: Vec::new(),
                 seen: 0,
                 late: false,
                 outside: false,
+                asleep: Vec::new(),
                 last: quiet.unseen(),
             },
             quiet,
@@ -188,17 +188,24 @@ impl Follow {
         Ok(Some(out))
     }
 
-    /// Warns of probes of the body that the zone has reached.
-    fn stale_probes(&mut self, time: f64) -> Result<Vec<String>> {
+    /// Returns a warning for each probe whose model sleeps at its place, the first time that it does.
+    pub(super) fn probes_asleep(&mut self, time: f64) -> Result<Vec<String>> {
         let (zone, mut out) = (&self.moving.name, Vec::new());
-        for name in self.moving.probes_asleep()? {
-            if self.stale.iter().all(|s| s != name) {
-                self.stale.push(name.to_owned());
-                out.push(format!(
-                    "probe '{name}' of 'body' lies in zone '{zone}' since t = {time:.4e} s: the body's elements sleep there and no \
-                     longer change; give it model = \"{zone}\""
-                ));
+        for (name, model) in self.moving.probes_asleep()? {
+            if self.state.asleep.iter().any(|s| s == name) {
+                continue;
             }
+            self.state.asleep.push(name.to_owned());
+            out.push(match model == *zone {
+                true => format!(
+                    "probe '{name}': spheres of zone '{zone}' sleep there at t = {time:.4e} s and do not move until the zone reaches \
+                     them; for the time before, give it model = \"{BODY}\""
+                ),
+                false => format!(
+                    "probe '{name}' of '{BODY}' lies in zone '{zone}' since t = {time:.4e} s: the body's elements sleep there and no \
+                     longer change; give it model = \"{zone}\""
+                ),
+            });
         }
         Ok(out)
     }
@@ -206,6 +213,14 @@ impl Follow {
     fn rim(&self) -> Vec<bool> {
         let outside = self.state.core.iter().map(|core| !core).collect();
         self.around(outside, self.moving.limits.margin + AHEAD)
+    }
+
+    /// Returns a warning, or the error that it is with `follow.strict`.
+    fn warning_or_end(&self, text: String) -> Result<String> {
+        match self.moving.limits.strict {
+            true => Err(key(format!("zone.{}.follow.strict", self.moving.name), text)),
+            false => Ok(text),
+        }
     }
 
     /// Looks at the bonds if a look is due, and moves the zone if it must. Returns warnings.
@@ -216,40 +231,31 @@ impl Follow {
         let since = Instant::now();
         let look = self.wanted(run);
         let mut warnings = Vec::new();
+        let time = format!("t = {:.4e} s", run.time());
         if let Some((bond, u)) = look.late.filter(|_| !self.state.late) {
             self.state.late = true;
             let [x, y, z]: [f64; 3] = self.middles[bond].into();
-            let text = format!(
-                "zone '{}' woke too late: at t = {:.4e} s the body's field loads a bond that slept at ({x:.3e}, {y:.3e}, {z:.3e}) m \
-                 to {u:.2} of its strength; take a lower wake, a smaller every, or a larger shape",
-                self.moving.name,
-                run.time()
-            );
-            if self.moving.limits.strict {
-                return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
-            }
-            warnings.push(text);
+            warnings.push(self.warning_or_end(format!(
+                "zone '{}' woke too late: at {time} the body's field loads a bond that slept at ({x:.3e}, {y:.3e}, {z:.3e}) m to \
+                 {u:.2} of its strength; take a lower wake, a smaller every, or a larger shape",
+                self.moving.name
+            ))?);
         }
         if let Some((e, u)) = look.outside.filter(|_| !self.state.outside) {
             self.state.outside = true;
             let [x, y, z]: [f64; 3] = self.moving.centres()?[e].coords.into();
-            let text = format!(
-                "at t = {:.4e} s the body is loaded at ({x:.3e}, {y:.3e}, {z:.3e}) m, outside of zone.{}.follow.within, like spheres at \
+            warnings.push(self.warning_or_end(format!(
+                "at {time} the body is loaded at ({x:.3e}, {y:.3e}, {z:.3e}) m, outside of zone.{}.follow.within, like spheres at \
                  {u:.2} of their strength: what would break there stays whole; take a larger region",
-                run.time(),
                 self.moving.name
-            );
-            if self.moving.limits.strict {
-                return Err(key(format!("zone.{}.follow.strict", self.moving.name), text));
-            }
-            warnings.push(text);
+            ))?);
         }
         warnings.extend(look.barred.map(|bar| self.moving.warning(bar)));
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
                 Ok(moved) => {
                     self.change(moved, run, since)?;
-                    warnings.extend(self.stale_probes(run.time())?);
+                    warnings.extend(self.probes_asleep(run.time())?);
                 }
                 Err(e) => {
                     warnings.push(format!(
@@ -307,20 +313,59 @@ impl Follow {
         Ok(())
     }
 
+    /// Marks the elements in which a bond broke since the last look.
+    fn mark_breaks(&mut self, hot: &mut [bool]) {
+        let log = locked(&self.log);
+        let events = log.events();
+        debug_assert!(events.len() >= self.state.seen);
+        for e in &events[self.state.seen.min(events.len())..] {
+            hot[self.homes[1][e.bond as usize] as usize] = true;
+        }
+        self.state.seen = events.len();
+    }
+
+    /// Finds the most loaded element that has no spheres, if it is loaded like spheres at their strength.
+    fn loaded_outside(&self, strains: &[Strain], loud: &[bool]) -> Option<(usize, f64)> {
+        let mut out: Option<(usize, f64)> = None;
+        for e in (0..loud.len()).filter(|e| !self.filled[*e]) {
+            let u = self.quiet.typical(&strains[e]);
+            if u >= 1.0 && out.is_none_or(|o| u > o.1) {
+                out = Some((e, u));
+            }
+        }
+        out
+    }
+
+    /// Utilisations of the bonds that are awake, and of those that sleep in elements marked in `loud`; zero
+    /// for the others.
+    fn utilisations(&self, run: &Coupled<f64>, bonds: &dyn Breakable<f64>, loud: &[bool]) -> [Vec<f64>; 2] {
+        let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
+        let [of_spheres, of_bonds] = &self.homes;
+        let pairs = bonds.parts();
+        let in_zone = |b: usize| {
+            let ends = pairs[b].map(|i| self.shares[of_spheres[i as usize] as usize]);
+            ends.contains(&Share::Zone)
+        };
+        let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
+        let releases = self.moving.limits.release.is_some();
+        let watched = |b: usize| (releases || self.rim[of_bonds[b] as usize]) && awake(b);
+        let looked_at = |b: usize| loud[of_bonds[b] as usize] && !in_zone(b);
+        let mut wanted = vec![false; of_spheres.len()];
+        for b in (0..pairs.len()).filter(|b| looked_at(*b)) {
+            pairs[b].iter().for_each(|i| wanted[*i as usize] = true);
+        }
+        let in_field = self.field_at_spheres(&wanted, body, spheres);
+        [
+            bonds.utilisations(&spheres.state().q, &watched),
+            bonds.utilisations(&in_field, &looked_at),
+        ]
+    }
+
     /// Finds the elements that the zone should have.
     fn wanted(&mut self, run: &Coupled<f64>) -> Look {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
-        let [of_spheres, of_bonds] = &self.homes;
-        let limits = &self.moving.limits;
         let mut hot = vec![false; self.shares.len()];
-        let (all, seen) = {
-            let log = locked(&self.log);
-            let new = log.events()[self.state.seen.min(log.events().len())..].iter();
-            new.for_each(|e| hot[of_bonds[e.bond as usize] as usize] = true);
-            (log.events().len(), self.state.seen)
-        };
-        debug_assert!(all >= seen);
-        self.state.seen = all;
+        self.mark_breaks(&mut hot);
         let mut out = Look {
             core: self.state.core.clone(),
             late: None,
@@ -330,39 +375,20 @@ impl Follow {
         let Some(bonds) = spheres.model().views().breakable else {
             return out;
         };
-        let pairs = bonds.parts();
-        let in_zone = |b: usize| {
-            let ends = pairs[b].map(|i| self.shares[of_spheres[i as usize] as usize]);
-            ends.contains(&Share::Zone)
-        };
-        let awake = |b: usize| self.shares[of_bonds[b] as usize] != Share::Body || in_zone(b);
-        let releases = limits.release.is_some();
-        let watched = |b: usize| (releases || self.rim[of_bonds[b] as usize]) && awake(b);
-        let loads = bonds.utilisations(&spheres.state().q, &watched);
+        let limits = &self.moving.limits;
         let strains = self.quiet.strains(&body.state().q);
-        let loud = self
-            .quiet
-            .may_reach(SOON * limits.wake, &strains, &self.state.last);
-        for e in (0..loud.len()).filter(|e| !self.filled[*e]) {
-            let u = self.quiet.typical(&strains[e]);
-            if u >= 1.0 && out.outside.is_none_or(|o| u > o.1) {
-                out.outside = Some((e, u));
-            }
-        }
-        let looked_at = |b: usize| loud[of_bonds[b] as usize] && !in_zone(b);
-        let mut wanted = vec![false; of_spheres.len()];
-        for b in (0..pairs.len()).filter(|b| looked_at(*b)) {
-            pairs[b].iter().for_each(|i| wanted[*i as usize] = true);
-        }
-        let in_field = bonds.utilisations(&self.field_at_spheres(&wanted, body, spheres), &looked_at);
+        let soon_at = SOON * limits.wake;
+        let loud = self.quiet.may_reach(soon_at, &strains, &self.state.last);
+        out.outside = self.loaded_outside(&strains, &loud);
+        let [loads, in_field] = self.utilisations(run, bonds, &loud);
         let mut soon = vec![false; hot.len()];
         let mut largest = vec![0.0_f64; hot.len()];
-        for (b, e) in of_bonds.iter().enumerate() {
+        for (b, e) in self.homes[1].iter().enumerate() {
             let (e, u) = (*e as usize, in_field[b]);
             largest[e] = largest[e].max(u);
             hot[e] |= loads[b] >= HOT;
             out.core[e] |= u >= limits.wake;
-            soon[e] |= u >= SOON * limits.wake;
+            soon[e] |= u >= soon_at;
             if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
                 out.late = Some((b, u));
             }
@@ -371,25 +397,30 @@ impl Follow {
             self.state.last[e] = (strains[e], largest[e]);
         }
         if let Some(release) = limits.release {
-            let of_zone = loads.iter().zip(of_bonds).filter(|(u, _)| **u >= release);
+            let of_zone = loads.iter().zip(&self.homes[1]).filter(|(u, _)| **u >= release);
             let mut busy = self.first.clone();
             of_zone.for_each(|(_, e)| busy[*e as usize] = true);
             self.let_go(busy, &mut out.core);
         }
-        hot = self.around(hot, limits.margin);
-        let join = |core: &mut Vec<bool>, new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
-        join(&mut out.core, &hot);
-        for (core, bar) in out.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
-            *core = bar.is_none();
-            out.barred = out.barred.or(*bar);
-        }
-        if out.core != self.state.core {
-            join(&mut out.core, &self.around(hot, AHEAD));
-            join(&mut out.core, &soon);
-            let free = self.barred.iter().map(Option::is_none);
-            out.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
-        }
+        self.join(self.around(hot, limits.margin), &soon, &mut out);
         out
+    }
+
+    /// Adds the elements `hot` to those that a look wants, without those that the zone must leave to the
+    /// body. If the zone changes, elements around and those of `soon` join as well.
+    fn join(&self, hot: Vec<bool>, soon: &[bool], look: &mut Look) {
+        let add = |core: &mut [bool], new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
+        add(&mut look.core, &hot);
+        for (core, bar) in look.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = bar.is_none();
+            look.barred = look.barred.or(*bar);
+        }
+        if look.core != self.state.core {
+            add(&mut look.core, &self.around(hot, AHEAD));
+            add(&mut look.core, soon);
+            let free = self.barred.iter().map(Option::is_none);
+            look.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
+        }
     }
 
     /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay

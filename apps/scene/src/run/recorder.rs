@@ -70,6 +70,7 @@ impl PhaseClock {
             }
             Phase::Interface => "interface".to_owned(),
             Phase::Equilibrium => "equilibrium".to_owned(),
+            Phase::Rezone => "changes of weights".to_owned(),
             Phase::Ledger => "ledger".to_owned(),
             Phase::Observe => "observe".to_owned(),
             _ => "other".to_owned(),

@@ -16,7 +16,7 @@ use crate::ranks::RankLine;
 use crate::scene::Scene;
 use crate::setup::packing::PackingLine;
 use crate::setup::{Bounds, Built, Grid, LoadSteps, ModelInfo, ParticlesWithoutContact, PhaseTime};
-use arlequin::core::{Coupled, Subdomain};
+use arlequin::core::{Coupled, Phase, Subdomain};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -92,7 +92,10 @@ impl<'a> Session<'a> {
         let settings = &scene.spec().output;
         let ranks = scene.ranks();
         let in_parts = |s: &Subdomain<f64>| s.owned().is_part();
-        let follow = Follow::new(&built)?;
+        let mut follow = Follow::new(&built)?;
+        if let Some(follow) = &mut follow {
+            built.warnings.extend(follow.probes_asleep(built.run.time())?);
+        }
         let pieces = settings.pieces && built.run.subdomains().iter().any(in_parts);
         let pictures = Pictures {
             models: match pieces && keep.is_some() {
@@ -207,8 +210,9 @@ impl<'a> Session<'a> {
         let Some(follow) = &mut self.follow else {
             return Ok(());
         };
-        self.clock.enter(None);
+        self.clock.enter(Some(Phase::Rezone));
         let warnings = follow.look(&mut self.run)?;
+        self.clock.enter(None);
         self.recorder.show_mediator(follow.mediator.take());
         warnings.into_iter().for_each(|w| self.warn(w, observer));
         Ok(())

@@ -42,6 +42,8 @@ pub(crate) enum Feature {
     Zone,
     /// A partition among ranks.
     Partition,
+    /// The body of a zone that follows: elements sleep where the zone is.
+    Sleep,
 }
 
 /// Refusal of kinds that cannot be partitioned.

@@ -62,6 +62,7 @@ pub(crate) use kinds::kind;
 pub(crate) use kinds::link_of;
 pub use lowered::{BodyShape, LoweredInterface, LoweredModel, LoweredScene, OverlapSource};
 pub use mesh::Grid;
+pub(crate) use names::BODY;
 pub use names::{effect_models, model_index};
 pub use notch::{Knife, cut, knives};
 pub(crate) use obstacle::{locate_files, obstacle_parts};
@@ -133,6 +134,7 @@ pub(crate) fn build_from(
     let (bounds, mut warnings) = bounds_of(scene, &bodies, &interfaces);
     warnings.extend(probes.iter().filter_map(|p| p.warning(&bodies)));
     warnings.extend(split_probes.iter().cloned());
+    warnings.extend(zone::closed_notches(scene, folder)?);
     let zones = zone::lines(scene, &bodies);
     let forces = totals::collect(scene, &bodies)?;
     let models = bodies.iter().map(ModelInfo::from_body).collect();

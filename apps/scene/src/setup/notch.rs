@@ -181,8 +181,18 @@ impl Span {
 }
 
 impl Knife {
+    /// Key of the notch in the scene.
+    pub(super) fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// Returns whether the notch lies beside a box with these corners.
+    pub(super) fn is_beside(&self, ends: &[Vector3<f64>; 2]) -> bool {
+        self.covers(ends).0
+    }
+
     /// Returns whether a bond between two centres crosses the notch.
-    fn crosses(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+    pub(super) fn crosses(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
         let along = to - from;
         let span = match &self.form {
             Form::Box(ends) => Span::WHOLE.in_box(from, &along, ends),

@@ -305,24 +305,68 @@ fn spheres_hardly_finer_than_the_elements_come_through_all_changes() {
         .map(|_| ());
     let message = sparse.expect_err("too few spheres").to_string();
     assert!(
-        message.contains("zone.crack.spacing") && message.contains("too few"),
+        message.contains("zone.crack.spacing") && message.contains("fewer than 1.5 for each node"),
         "{message}"
     );
 }
 
+/// A probe of the body reads the spheres where the zone begins; elsewhere the run names each probe whose model
+/// sleeps.
 #[test]
-fn a_probe_of_the_body_that_the_zone_reaches_is_named() {
-    let probe = "[probe.ahead]\nmodel = \"body\"\nat = [16e-3, 10e-3, 1e-3]\nquantity = \"displacement\"\ncomponent = \"y\"\n\n\
-                 [probe.load]";
+fn probes_whose_model_sleeps_are_named() {
+    let probe = |name: &str, model: &str, x: f64| {
+        format!(
+            "[probe.{name}]\nmodel = \"{model}\"\nat = [{x}, 12e-3, 1e-3]\nquantity = \"displacement\"\ncomponent = \"y\"\n\n"
+        )
+    };
+    let probes = [
+        probe("mouth", "body", 5e-3),
+        probe("ahead", "body", 16e-3),
+        probe("late", "crack", 30e-3),
+        "[probe.load]".to_owned(),
+    ];
     let results = run(&scene(&[
         COARSE[0],
         COARSE[1],
         COARSE[2],
-        ("[probe.load]", probe),
+        ("[probe.load]", &probes.concat()),
     ]));
     let warnings = &results.summary().warnings;
-    let named = warnings.iter().filter(|w| w.contains("probe 'ahead' of 'body'"));
-    assert_eq!(named.count(), 1, "{warnings:?}");
+    let named = |name: &str| {
+        let name = format!("probe '{name}'");
+        warnings.iter().filter(|w| w.contains(&name)).count()
+    };
+    assert_eq!(["mouth", "ahead", "late"].map(named), [0, 1, 1], "{warnings:?}");
+    let last = |name: &str| results.probe(name).expect("a probe").1.last().copied();
+    let [mouth, late] = ["mouth", "late"].map(|name| last(name).expect("values"));
+    // The clamp has gone 6 µm by then or is on its way.
+    assert!(mouth > 0.5e-6, "{mouth} m");
+    assert!(late.abs() < f64::MIN_POSITIVE, "{late} m");
+}
+
+/// Elements have no notch: where a notch leaves the zone, they close it.
+#[test]
+fn a_notch_that_reaches_beyond_its_zone_is_named() {
+    let warnings = |changes: &[(&str, &str)]| {
+        let ends = ("end = 70e-6", "end = 1e-8");
+        let changes = [&[COARSE[0], ends], changes].concat();
+        let built = scene(&changes).prepare().expect("built");
+        let warnings = built.run(&mut Silent).expect("runs").summary().warnings.clone();
+        let closed = warnings.into_iter().filter(|w| w.contains("close it there"));
+        closed.collect::<Vec<_>>()
+    };
+    let notch = "{ low = [-1e-3, 10e-3, -1e-3], high = [12e-3, 10e-3, 3e-3] }";
+    assert_eq!(warnings(&[]), [""; 0]);
+    // 6 mm beyond the zone's elements, two of 1 mm in the thickness. The notch lies between elements, or in them.
+    for (y, count) in [("10e-3", 12), ("10.4e-3", 12)] {
+        let long = format!("{{ low = [-1e-3, {y}, -1e-3], high = [20e-3, {y}, 3e-3] }}");
+        let found = warnings(&[(notch, &long)]);
+        let words = format!("zone.crack.dem.notch[0] also crosses {count} elements");
+        assert!(found.len() == 1 && found[0].contains(&words), "{found:?}");
+    }
+    let plane = "{ plane = { point = [0.0, 10e-3, 0.0], normal = [0.1, 1.0, 0.0], \
+                 within = { low = [-1e-3, 0.0, -1.0], high = [20e-3, 20e-3, 1.0] } } }";
+    assert_eq!(warnings(&[(notch, plane)]).len(), 1);
 }
 
 #[test]
@@ -480,6 +524,7 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ("follow = true", "follow.release = 0.4", "follow.release"),
         ("follow = true", "follow.release = -0.1", "follow.release"),
         ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),
+        ("kind = \"fem\"", "kind = \"cnem\"", "natural elements"),
         ("fracture = { gc = 8.0 }", "contact = {}", "has contact"),
         ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
         (

@@ -9,6 +9,8 @@ use nalgebra::Vector3;
 const WALLS: usize = 4;
 /// Two walls count as one if the cosine between their normals is above this value.
 const SAME_WALL: f64 = 0.97;
+/// Largest number of triangles whose planes are compared before the nearest point is searched for.
+const FEW: usize = 8;
 
 /// Nearest point of a surface, seen from a query point.
 pub(super) struct Foot {
@@ -37,6 +39,9 @@ impl Surface {
         reach: f64,
         near: &Near<'_>,
     ) -> Option<(f64, Vector3<f64>)> {
+        if self.is_below_all(x, reach, near) {
+            return None;
+        }
         let foot = self.foot(x, near)?;
         if foot.distance > reach.min(self.grid.reach) && foot.sign >= 0.0 {
             return None;
@@ -47,6 +52,16 @@ impl Surface {
             -foot.normal
         };
         Some((foot.sign * foot.distance, normal))
+    }
+
+    /// Returns whether `x` lies farther than `reach` inside of the planes of given triangles, if these are few:
+    /// it then lies inside and farther from all of them, which spares the search for the nearest point.
+    #[inline]
+    fn is_below_all(&self, x: &Vector3<f64>, reach: f64, near: &Near<'_>) -> bool {
+        // Rounded up: the distance decides where both agree up to round-off.
+        let clear = reach.min(self.grid.reach) * (1.0 + 1e-6);
+        let mut triangles = near.triangles.iter();
+        near.triangles.len() <= FEW && triangles.all(|&(_, t)| self.height(x, t) > clear)
     }
 
     /// Returns the nearest point on given triangles; `None` without triangles.

@@ -35,7 +35,7 @@ impl Kind for Chain {
             Feature::CoarseSide => Some("is discrete and can only be fine; put a fem model between"),
             Feature::Zone => Some("a chain is a line and fills no zone; take \"fem\", \"cnem\" or \"dem\""),
             Feature::Partition => Some(WHOLE),
-            Feature::Volumes => None,
+            Feature::Volumes | Feature::Sleep => None,
         }
     }
 

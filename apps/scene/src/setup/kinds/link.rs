@@ -44,7 +44,7 @@ impl Kind for Link {
                 "a zone is filled here, and a link brings its own body; write [model.NAME] and [interface.NAME]",
             ),
             Feature::Partition => Some(WHOLE),
-            Feature::Volumes | Feature::CoarseSide => None,
+            Feature::Volumes | Feature::CoarseSide | Feature::Sleep => None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Elements of the body around a zone, in which spheres are packed and then cut off at the border of the
 //! zone.
 
-use super::divide::{crowded_edges, faces_of};
+use super::divide::{faces_of, part_at_edges};
 use crate::error::{Result, fem};
 use crate::setup::faces::{Faces, corners_of};
 use arlequin::core::nalgebra::Point3;
@@ -42,23 +42,8 @@ pub(super) fn extended_zone(
             }
         }
     }
-    // A closed surface has two faces at every edge.
-    loop {
-        let crowded = crowded_edges(mesh, |e| keep[e]);
-        let meets = |e: usize| {
-            let corners = mesh.element(e);
-            crowded
-                .iter()
-                .any(|edge| edge.iter().all(|k| corners.contains(k)))
-        };
-        let removed: Vec<usize> = (0..in_zone.len())
-            .filter(|&e| keep[e] && !in_zone[e] && meets(e))
-            .collect();
-        if removed.is_empty() {
-            return Ok((mesh.part(|e| keep[e]).map_err(fem("body"))?, border));
-        }
-        removed.into_iter().for_each(|e| keep[e] = false);
-    }
+    while part_at_edges(mesh, &mut keep, |e| !in_zone[e]) {}
+    Ok((mesh.part(|e| keep[e]).map_err(fem("body"))?, border))
 }
 
 /// Corners of triangles \[m\].

@@ -127,21 +127,10 @@ fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
     let holds =
         |e: usize| mesh.element(e).iter().any(|k| at_nodes[*k as usize]) || inside(&centroid(mesh, e));
     let mut out: Vec<bool> = (0..mesh.element_count()).map(holds).collect();
-    loop {
-        if !out.contains(&true) {
-            return Err(key(path, EMPTY));
-        }
-        let crowded = crowded_edges(mesh, |e| out[e]);
-        if crowded.is_empty() {
-            return Ok(out);
-        }
-        let touches = |e: usize| {
-            let corners = mesh.element(e);
-            crowded
-                .iter()
-                .any(|edge| edge.iter().all(|k| corners.contains(k)))
-        };
-        (0..out.len()).for_each(|e| out[e] &= !touches(e));
+    while part_at_edges(mesh, &mut out, |_| true) {}
+    match out.contains(&true) {
+        true => Ok(out),
+        false => Err(key(path, EMPTY)),
     }
 }
 
@@ -202,6 +191,9 @@ impl<'a> Deal<'a> {
             width,
             sides: core.iter().map(side).collect(),
         };
+        // Elements between elements of the core join it before distances are taken: the overlap of a division
+        // is then the same when its own core is given again, as a checkpoint does.
+        while deal.fill(Side::Layer, Side::Core) {}
         let border = deal.between(Side::Core);
         let [low, high] = border.bounds();
         // Most of the body is farther away than the width, and how far does not matter.
@@ -213,14 +205,13 @@ impl<'a> Deal<'a> {
         // The distance at a node serves all of its elements.
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(distance).collect();
         let slack = ON_BORDER * mesh.spacing();
-        for e in (0..core.len()).filter(|e| !core[*e]) {
+        for (e, side) in deal.sides.iter_mut().enumerate().filter(|(_, s)| **s == Side::Layer) {
             let corners = mesh.element(e).iter().map(|&k| at_nodes[k as usize]);
             let least = corners.fold(distance(&centroid(mesh, e)), f64::min);
             if border.is_empty() || least >= width - slack {
-                deal.sides[e] = Side::Beyond;
+                *side = Side::Beyond;
             }
         }
-        deal.fill(Side::Layer, Side::Core);
         // Spheres fill the body, not the zone: its surface may have any form.
         deal.round(false)?;
         Ok(deal)
@@ -262,7 +253,10 @@ impl<'a> Deal<'a> {
         loop {
             let mut changed = self.fill(Side::Layer, Side::Beyond);
             if filled {
-                changed |= self.part_at_edges();
+                let mut keep: Vec<bool> = self.sides.iter().map(|s| *s != Side::Beyond).collect();
+                changed |= part_at_edges(self.mesh, &mut keep, |e| self.sides[e] == Side::Layer);
+                let left_out = self.sides.iter_mut().zip(keep).filter(|(_, keep)| !keep);
+                left_out.for_each(|(side, _)| *side = Side::Beyond);
             }
             // In every round: an element removed from the layer may be its last one at this place.
             self.check_layer()?;
@@ -270,30 +264,6 @@ impl<'a> Deal<'a> {
                 return Ok(());
             }
         }
-    }
-
-    /// Removes elements from the layer that touch an edge at which more than two faces of the zone's surface
-    /// meet.
-    fn part_at_edges(&mut self) -> bool {
-        let mesh = self.mesh;
-        let crowded = crowded_edges(mesh, |e| self.sides[e] != Side::Beyond);
-        let mut any = false;
-        for (e, side) in self
-            .sides
-            .iter_mut()
-            .enumerate()
-            .filter(|(_, s)| **s == Side::Layer)
-        {
-            let corners = mesh.element(e);
-            if crowded
-                .iter()
-                .any(|edge| edge.iter().all(|k| corners.contains(k)))
-            {
-                *side = Side::Beyond;
-                any = true;
-            }
-        }
-        any
     }
 
     /// Refuses a layer that is thinner than one element somewhere.
@@ -379,8 +349,27 @@ impl<'a> Deal<'a> {
     }
 }
 
+/// Removes elements that `may_leave` and touch an edge at which more than two faces of the surface of those
+/// in `keep` meet; a closed surface has two. Returns whether there were any: others may then touch such edges.
+pub(super) fn part_at_edges(mesh: &Mesh<f64>, keep: &mut [bool], may_leave: impl Fn(usize) -> bool) -> bool {
+    let crowded = crowded_edges(mesh, |e| keep[e]);
+    let touches = |e: usize| {
+        let corners = mesh.element(e);
+        let mut edges = crowded.iter();
+        edges.any(|edge| edge.iter().all(|k| corners.contains(k)))
+    };
+    let mut any = false;
+    for e in 0..keep.len() {
+        if keep[e] && may_leave(e) && touches(e) {
+            keep[e] = false;
+            any = true;
+        }
+    }
+    any
+}
+
 /// Edges at which more than two faces of the surface of the selected elements meet.
-pub(super) fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
+fn crowded_edges(mesh: &Mesh<f64>, keep: impl Fn(usize) -> bool) -> Vec<[u32; 2]> {
     let mut open: BTreeMap<[u32; 4], Facet> = BTreeMap::new();
     for (facet, key) in faces_of(mesh, keep) {
         // Faces that two elements share cancel; those of the surface remain.
@@ -430,4 +419,44 @@ pub(super) fn centroid(mesh: &Mesh<f64>, e: usize) -> Point3<f64> {
         .iter()
         .fold(Vector3::zeros(), |s, &k| s + mesh.nodes()[k as usize].coords);
     Point3::from(sum / corners.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::OverlapSource;
+    use crate::setup::lower::lowered;
+
+    /// A checkpoint has the zone's own elements alone, and its overlap must come out of these again.
+    #[test]
+    fn a_zone_that_is_given_its_own_elements_again_has_the_same_overlap() {
+        let text = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [16e-3, 12e-3, 2e-3] }\n\
+                    spacing = 1e-3\nmaterial = { young = 7e10, poisson = 0.2, density = 2e3 }\n\
+                    [zone.crack]\nkind = \"dem\"\nshape.box = { low = [-1e-3, 5e-3, -1e-3], high = [4e-3, 7e-3, 3e-3] }\n\
+                    overlap.width = 2e-3\nspacing = 0.5e-3\nfollow = true\n[[effect]]\nfracture = { gc = 8.0 }\n\
+                    [time]\nend = 1e-6\n";
+        let scene = lowered(toml::from_str(text).expect("a scene")).expect("a zone");
+        let OverlapSource::Zone(piece) = &scene.interface["crack"].overlap else {
+            panic!("an overlap of a zone");
+        };
+        let first = piece.cut.division(Path::new(".")).expect("a division");
+        let mut seed = 7_u64;
+        let mut filled = 0;
+        for _ in 0..40 {
+            let mut core: Vec<bool> = first.owners.iter().map(|o| *o == Owner::Zone(0)).collect();
+            for (e, own) in core.iter_mut().enumerate() {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                // The far third stays with the body.
+                *own |= centroid(first.field.mesh(), e).x < 9e-3 && seed >> 62 == 0;
+            }
+            let once = first.moved(&piece.cut, 0, &core).expect("a zone");
+            let own: Vec<bool> = once.owners.iter().map(|o| *o == Owner::Zone(0)).collect();
+            filled += usize::from(own != core);
+            let twice = once.moved(&piece.cut, 0, &own).expect("the same zone");
+            assert_eq!(once.owners, twice.owners);
+            let bits = |d: &Division| -> Vec<u64> { d.zones[0].positions.iter().map(|x| x.to_bits()).collect() };
+            assert_eq!(bits(&once), bits(&twice));
+        }
+        assert!(filled > 20, "elements joined in {filled} cases");
+    }
 }

@@ -159,7 +159,8 @@ impl Piece {
         let reservoir = &self.cut.division(folder)?.reservoir;
         let mut of_nodes = vec![None; mesh.nodes().len()];
         for e in (0..reservoir.len()).filter(|e| !reservoir[*e]) {
-            out[e] = out[e].or(Some(Bar::Border));
+            // There are no spheres, however near a support or a load is.
+            out[e] = Some(Bar::Border);
             mesh.element(e)
                 .iter()
                 .for_each(|k| of_nodes[*k as usize] = Some(Bar::Border));

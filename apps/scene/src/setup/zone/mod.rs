@@ -13,6 +13,7 @@ mod place;
 mod probes;
 mod region;
 mod response;
+mod uncut;
 
 pub use super::packing::Likeness;
 pub use held::Bar;
@@ -22,6 +23,7 @@ pub use moving::{Moving, Share};
 pub(super) use moving::{check, check_ranks};
 pub(super) use probes::with_probes_in_zones;
 pub(super) use region::check_region;
+pub(super) use uncut::closed_notches;
 
 use super::body::Body;
 use super::faces::Faces;

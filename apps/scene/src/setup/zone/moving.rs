@@ -10,6 +10,7 @@ use crate::ranks::Ranks;
 use crate::setup::body::Body;
 use crate::setup::faces::Faces;
 use crate::setup::interface::BuiltInterface;
+use crate::setup::kind::Feature;
 use crate::setup::kinds::kind;
 use crate::setup::lower::following;
 use crate::setup::mesh::Grid;
@@ -99,6 +100,10 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if !kind(zone.kind).has_spheres() {
         return refuse("only spheres break: take kind = \"dem\" for the zone, or remove follow");
     }
+    let of_body = scene.body.as_ref().and_then(|b| kind(b.kind).refusal(Feature::Sleep));
+    if let Some(rule) = of_body {
+        return refuse(rule);
+    }
     if scene.zone.len() > 1 {
         return refuse("a zone that moves must be the only one; make one zone of all, or remove follow");
     }
@@ -172,8 +177,8 @@ impl Moving {
         let spheres = bodies[fine].model.nodes().len();
         if own.partners.has_absorber() && (spheres as f64) < SPHERES * nodes as f64 {
             let rule = format!(
-                "{spheres} spheres for {nodes} nodes of the body there are too few: the absorber of a later overlap could not tell their \
-                 motion from that of the body ({SPHERES} per node are enough); take smaller spheres or larger elements"
+                "gives {spheres} spheres where the body has {nodes} nodes, fewer than {SPHERES} for each node: the absorber of a later \
+                 overlap could not tell their motion from that of the body; take smaller spheres or larger elements"
             );
             return Err(key(format!("zone.{name}.spacing"), rule));
         }
@@ -250,18 +255,23 @@ impl Moving {
         self.piece.barred(&self.scene, &self.folder)
     }
 
-    /// Returns the names of the probes of the body that lie in the zone, where its elements sleep.
-    pub(crate) fn probes_asleep(&self) -> Result<Vec<&str>> {
-        let of_body = self
-            .scene
-            .probe
-            .iter()
-            .filter(|(_, p)| p.model.as_deref() == Some(BODY));
+    /// Returns the probes whose model sleeps at their place, each with this model.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn probes_asleep(&self) -> Result<Vec<(&str, &str)>> {
         let mut out = Vec::new();
-        for (name, probe) in of_body {
-            let [whole, part] = self.piece.zones_of_probe(probe, &self.folder)?;
-            if whole.or(part).is_some() {
-                out.push(&**name);
+        for (name, probe) in &self.scene.probe {
+            let sleeps = match probe.model.as_deref() {
+                Some(BODY) => {
+                    let [whole, part] = self.piece.zones_of_probe(probe, &self.folder)?;
+                    whole.or(part).is_some()
+                }
+                Some(model) if model == self.name => self.piece.is_beyond(probe, &self.folder)?,
+                _ => false,
+            };
+            if sleeps {
+                out.push((&**name, probe.model.as_deref().unwrap_or(BODY)));
             }
         }
         Ok(out)

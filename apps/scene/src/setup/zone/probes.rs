@@ -4,7 +4,8 @@ use super::divide::{Division, Owner};
 use super::{Piece, select};
 use crate::error::{Result, fem};
 use crate::setup::names::BODY;
-use crate::setup::{BodyShape, LoweredScene};
+use crate::setup::lower::following;
+use crate::setup::{BodyShape, LoweredScene, OverlapSource};
 use crate::spec::{Probe, Selection};
 use arlequin::core::nalgebra::{Point3, center};
 use arlequin::fem_ref::FemField;
@@ -20,8 +21,11 @@ pub(in crate::setup) fn with_probes_in_zones(
     folder: &Path,
 ) -> Result<(LoweredScene, Vec<String>)> {
     let (mut out, mut warnings) = (scene.clone(), Vec::new());
-    let Some(BodyShape::Piece(body)) = scene.model.get(BODY).map(|m| &m.shape) else {
-        return Ok((out, warnings));
+    // A zone that follows keeps the elements that it begins with, though the body's model has all of them.
+    let of_interface = following(scene).map(|(name, ..)| &scene.interface[name].overlap);
+    let body = match (scene.model.get(BODY).map(|m| &m.shape), of_interface) {
+        (Some(BodyShape::Piece(body)), _) | (_, Some(OverlapSource::Zone(body))) => body,
+        _ => return Ok((out, warnings)),
     };
     for (name, probe) in &mut out.probe {
         if probe.model.as_deref() != Some(BODY) {
@@ -68,6 +72,23 @@ impl Piece {
             true => [name, None],
             false => [None, name],
         })
+    }
+
+    /// Returns whether a probe of spheres reads some where the body's own model is alone.
+    pub(super) fn is_beyond(&self, probe: &Probe, folder: &Path) -> Result<bool> {
+        let division = self.cut.division(folder)?;
+        let of_body = |e: usize| division.owners[e] == Owner::Body;
+        if let Some(x) = probe.at {
+            return Ok(division.field.element_at(&Point3::from(x)).is_some_and(of_body));
+        }
+        let Some(selection) = &probe.over else {
+            return Ok(false);
+        };
+        let mesh = division.field.mesh();
+        let mut selected = vec![false; mesh.nodes().len()];
+        nodes_of(selection, division).into_iter().for_each(|k| selected[k] = true);
+        let mut elements = (0..mesh.element_count()).filter(|e| of_body(*e));
+        Ok(elements.any(|e| mesh.element(e).iter().any(|k| selected[*k as usize])))
     }
 
     /// Name of the zone that alone owns the place of a point.
