@@ -21,8 +21,9 @@ use crate::error::{Error, Result, core, key};
 use crate::output::summary::Conversion;
 use crate::setup::{BODY, Bar, Built, Grid, Moving, Share};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::core::{Breakable, Coupled, Error as Core, Interpolation, ShapeRow, Subdomain};
+use arlequin::core::{Breakable, Coupled, Interpolation, ShapeRow, Subdomain};
 use arlequin::dem_beam::fracture::{SharedLog, locked};
+use arlequin::fem_ref::FemField;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -67,8 +68,10 @@ pub(crate) struct Follow {
     shares: Vec<Share>,
     /// Element of each sphere, and that of the middle of each bond.
     homes: [Vec<u32>; 2],
-    /// Shape functions of the body at each sphere.
-    rows: Vec<Placed>,
+    /// Where the body's field is read for each sphere.
+    places: Vec<Place>,
+    /// Centres of the elements \[m\].
+    centres: Vec<Point3<f64>>,
     /// Elements that share a node with each element.
     neighbours: Vec<Vec<u32>>,
     /// Elements so near to others outside of the zone that bonds in them can bring these along.
@@ -83,35 +86,28 @@ pub(crate) struct Follow {
     barred: Vec<Option<Bar>>,
 }
 
-/// Shape functions of a field at a point inside it, and the way from there to a point that may lie outside.
-#[derive(Debug)]
-struct Placed {
-    row: ShapeRow<f64>,
-    way: Vector3<f64>,
+/// Place in the body at which its field is read for a sphere: the sphere's own, or if that lies outside of all
+/// elements, the first tenth of the way to the centre of the nearest one that does not.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    element: u32,
+    tenths: u8,
 }
 
-impl Placed {
-    /// Goes from `x` towards `centre`, which lies in the field, as far as necessary.
-    fn new(
-        field: &dyn Interpolation<f64>,
-        x: &Point3<f64>,
-        centre: &Point3<f64>,
-    ) -> std::result::Result<Self, Core> {
-        let mut row = ShapeRow::default();
-        let mut last = Ok(());
-        for tenths in 0..=10 {
-            let way = (x - centre) * (0.1 * f64::from(tenths));
-            last = field.shape_at(&(x - way), true, &mut row);
-            match last {
-                Ok(()) => return Ok(Self { row, way }),
-                Err(Core::OutsideDomain { .. }) => {}
-                Err(e) => return Err(e),
-            }
-        }
-        last.map(|()| Self {
-            row,
-            way: Vector3::zeros(),
-        })
+impl Place {
+    fn new(field: &FemField<f64>, x: &Point3<f64>, centre: &Point3<f64>) -> Result<Self> {
+        let place = |tenths: u8| {
+            let way = Self { element: 0, tenths }.way(x, centre);
+            let element = field.element_at(&(x - way))? as u32;
+            Some(Self { element, tenths })
+        };
+        let found = (0..=10).find_map(place);
+        found.ok_or_else(|| key("body", "has no element at the centre of one"))
+    }
+
+    /// Way to a sphere at `x` \[m\].
+    fn way(self, x: &Point3<f64>, centre: &Point3<f64>) -> Vector3<f64> {
+        (x - centre) * (0.1 * f64::from(self.tenths))
     }
 }
 
@@ -148,9 +144,10 @@ impl Follow {
         let of_bonds = homes(&moving, middles.iter().copied())?;
         let field = &*body_info.field;
         let centres = moving.centres()?;
-        let placed = nodes.par_iter().zip(&of_spheres);
-        let placed = placed.map(|(x, e)| Placed::new(field, x, &centres[*e as usize]));
-        let rows: std::result::Result<Vec<_>, Core> = placed.collect();
+        let whole = moving.field()?;
+        let places = nodes.par_iter().zip(&of_spheres);
+        let places = places.map(|(x, e)| Place::new(whole, x, &centres[*e as usize]));
+        let places = places.collect::<Result<_>>()?;
         let shares = moving.shares()?;
         let speed = body_info.material.as_ref().map_or(0.0, |m| m.p_wave_speed());
         let crossing = body_info.spacing / (speed * built.run.dt());
@@ -174,7 +171,8 @@ impl Follow {
             neighbours: neighbours(&moving)?,
             filled: moving.filled()?,
             barred: moving.barred()?,
-            rows: rows.map_err(core("body"))?,
+            places,
+            centres,
             homes: [of_spheres, of_bonds],
             moving,
             mediator: None,
@@ -229,7 +227,7 @@ impl Follow {
             return Ok(Vec::new());
         }
         let since = Instant::now();
-        let look = self.wanted(run);
+        let look = self.wanted(run)?;
         let mut warnings = Vec::new();
         let time = format!("t = {:.4e} s", run.time());
         if let Some((bond, u)) = look.late.filter(|_| !self.state.late) {
@@ -243,7 +241,7 @@ impl Follow {
         }
         if let Some((e, u)) = look.outside.filter(|_| !self.state.outside) {
             self.state.outside = true;
-            let [x, y, z]: [f64; 3] = self.moving.centres()?[e].coords.into();
+            let [x, y, z]: [f64; 3] = self.centres[e].coords.into();
             warnings.push(self.warning_or_end(format!(
                 "at {time} the body is loaded at ({x:.3e}, {y:.3e}, {z:.3e}) m, outside of zone.{}.follow.within, like spheres at \
                  {u:.2} of their strength: what would break there stays whole; take a larger region",
@@ -338,7 +336,12 @@ impl Follow {
 
     /// Utilisations of the bonds that are awake, and of those that sleep in elements marked in `loud`; zero
     /// for the others.
-    fn utilisations(&self, run: &Coupled<f64>, bonds: &dyn Breakable<f64>, loud: &[bool]) -> [Vec<f64>; 2] {
+    fn utilisations(
+        &self,
+        run: &Coupled<f64>,
+        bonds: &dyn Breakable<f64>,
+        loud: &[bool],
+    ) -> Result<[Vec<f64>; 2]> {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
         let [of_spheres, of_bonds] = &self.homes;
         let pairs = bonds.parts();
@@ -354,15 +357,15 @@ impl Follow {
         for b in (0..pairs.len()).filter(|b| looked_at(*b)) {
             pairs[b].iter().for_each(|i| wanted[*i as usize] = true);
         }
-        let in_field = self.field_at_spheres(&wanted, body, spheres);
-        [
+        let in_field = self.field_at_spheres(&wanted, body, spheres)?;
+        Ok([
             bonds.utilisations(&spheres.state().q, &watched),
             bonds.utilisations(&in_field, &looked_at),
-        ]
+        ])
     }
 
     /// Finds the elements that the zone should have.
-    fn wanted(&mut self, run: &Coupled<f64>) -> Look {
+    fn wanted(&mut self, run: &Coupled<f64>) -> Result<Look> {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
         let mut hot = vec![false; self.shares.len()];
         self.mark_breaks(&mut hot);
@@ -373,14 +376,14 @@ impl Follow {
             barred: None,
         };
         let Some(bonds) = spheres.model().views().breakable else {
-            return out;
+            return Ok(out);
         };
         let limits = &self.moving.limits;
         let strains = self.quiet.strains(&body.state().q);
         let soon_at = SOON * limits.wake;
         let loud = self.quiet.may_reach(soon_at, &strains, &self.state.last);
         out.outside = self.loaded_outside(&strains, &loud);
-        let [loads, in_field] = self.utilisations(run, bonds, &loud);
+        let [loads, in_field] = self.utilisations(run, bonds, &loud)?;
         let mut soon = vec![false; hot.len()];
         let mut largest = vec![0.0_f64; hot.len()];
         for (b, e) in self.homes[1].iter().enumerate() {
@@ -403,7 +406,7 @@ impl Follow {
             self.let_go(busy, &mut out.core);
         }
         self.join(self.around(hot, limits.margin), &soon, &mut out);
-        out
+        Ok(out)
     }
 
     /// Adds the elements `hot` to those that a look wants, without those that the zone must leave to the
@@ -452,34 +455,42 @@ impl Follow {
     }
 
     /// Displacements and rotations of the `wanted` spheres in the body's field; zero for the others.
-    fn field_at_spheres(&self, wanted: &[bool], body: &Subdomain<f64>, spheres: &Subdomain<f64>) -> Vec<f64> {
-        let q = &body.state().q;
+    fn field_at_spheres(
+        &self,
+        wanted: &[bool],
+        body: &Subdomain<f64>,
+        spheres: &Subdomain<f64>,
+    ) -> Result<Vec<f64>> {
+        let (q, field, nodes) = (&body.state().q, self.moving.field()?, spheres.model().nodes());
         let mut out = vec![0.0; spheres.state().q.len()];
         let (linear, angular) = out.split_at_mut(spheres.model().layout().translations());
         let chunks = linear
             .par_chunks_exact_mut(3)
             .zip(angular.par_chunks_exact_mut(3));
-        let places = self.rows.par_iter().zip(&*self.moving.responses);
-        chunks
-            .zip(places.zip(wanted))
-            .for_each(|((u, th), ((Placed { row, way }, response), wanted))| {
-                if !wanted {
-                    return;
-                }
-                let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
-                let mut slope = Matrix3::zeros();
-                for (k, &node) in row.nodes.iter().enumerate() {
-                    let d = Vector3::from_column_slice(&q[3 * node..3 * node + 3]);
-                    value += d * row.values[k];
-                    turn += row.gradients[k].cross(&d) * 0.5;
-                    slope += d * row.gradients[k].transpose();
-                }
-                // Outside, the field goes on linearly.
-                let relaxation = response.in_gradient(&slope);
-                u.copy_from_slice((value + slope * way + relaxation[0]).as_slice());
-                th.copy_from_slice((turn + relaxation[1]).as_slice());
-            });
-        out
+        let read = |row: &mut ShapeRow<f64>, ((u, th), i): ((&mut [f64], &mut [f64]), usize)| {
+            if !wanted[i] {
+                return Ok(());
+            }
+            let (x, place) = (&nodes[i], self.places[i]);
+            let way = place.way(x, &self.centres[self.homes[0][i] as usize]);
+            field.shape_in(place.element as usize, &(x - way), true, row)?;
+            let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
+            let mut slope = Matrix3::zeros();
+            for (k, &node) in row.nodes.iter().enumerate() {
+                let d = Vector3::from_column_slice(&q[3 * node..3 * node + 3]);
+                value += d * row.values[k];
+                turn += row.gradients[k].cross(&d) * 0.5;
+                slope += d * row.gradients[k].transpose();
+            }
+            // Outside, the field goes on linearly.
+            let relaxation = self.moving.responses[i].in_gradient(&slope);
+            u.copy_from_slice((value + slope * way + relaxation[0]).as_slice());
+            th.copy_from_slice((turn + relaxation[1]).as_slice());
+            Ok(())
+        };
+        let read_all = chunks.zip(0..nodes.len()).try_for_each_init(ShapeRow::default, read);
+        read_all.map_err(core("body"))?;
+        Ok(out)
     }
 }
 

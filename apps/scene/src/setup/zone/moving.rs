@@ -24,7 +24,7 @@ use arlequin::core::effect::Load;
 use arlequin::core::geometry::{BoxTree, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Changed, Response, Rezoning};
-use arlequin::fem_ref::Mesh;
+use arlequin::fem_ref::{FemField, Mesh};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -221,6 +221,14 @@ impl Moving {
         self.piece.whole(&self.folder)
     }
 
+    /// Field of the body's elements.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn field(&self) -> Result<&FemField<f64>> {
+        Ok(&self.piece.cut.division(&self.folder)?.field)
+    }
+
     /// Models that each element belongs to.
     ///
     /// # Errors
@@ -288,8 +296,7 @@ impl Moving {
     /// # Errors
     /// See [`Self::mesh`].
     pub(crate) fn element_at(&self, x: &Point3<f64>) -> Result<usize> {
-        let field = &self.piece.cut.division(&self.folder)?.field;
-        if let Some(e) = field.element_at(x) {
+        if let Some(e) = self.field()?.element_at(x) {
             return Ok(e);
         }
         let centres = self.centres()?;
