@@ -488,7 +488,9 @@ impl Follow {
             th.copy_from_slice((turn + relaxation[1]).as_slice());
             Ok(())
         };
-        let read_all = chunks.zip(0..nodes.len()).try_for_each_init(ShapeRow::default, read);
+        let read_all = chunks
+            .zip(0..nodes.len())
+            .try_for_each_init(ShapeRow::default, read);
         read_all.map_err(core("body"))?;
         Ok(out)
     }

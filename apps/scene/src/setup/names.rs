@@ -8,7 +8,7 @@ use crate::setup::{LoweredInterface, LoweredModel, LoweredScene};
 use crate::spec::{Bearer, Effect, EffectKind, RoleKind};
 
 /// Name of the body's own model.
-pub(super) const BODY: &str = "body";
+pub(crate) const BODY: &str = "body";
 
 /// Numbers of the models that a model name in the scene refers to: the body's own model includes its zones.
 pub(super) fn parts(scene: &LoweredScene, m: usize) -> Vec<usize> {

@@ -39,7 +39,9 @@ impl Kind for Cnem {
                 "the cell of a natural element lies on both sides of a border between two materials; take kind = \"fem\", or a \
                  model of each part with volume",
             ),
-            Feature::Sleep => Some("no scene changes the weights of natural elements; take body.kind = \"fem\", or remove follow"),
+            Feature::Sleep => Some(
+                "no scene changes the weights of natural elements; take body.kind = \"fem\", or remove follow",
+            ),
             Feature::Crack | Feature::CoarseSide | Feature::Zone | Feature::Partition => None,
         }
     }

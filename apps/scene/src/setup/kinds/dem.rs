@@ -136,7 +136,9 @@ impl Kind for Dem {
     fn refusal(&self, feature: Feature) -> Option<&'static str> {
         match feature {
             Feature::Crack => Some("particles are cut by dem.notch; write it there"),
-            Feature::Volumes | Feature::CoarseSide | Feature::Zone | Feature::Partition | Feature::Sleep => None,
+            Feature::Volumes | Feature::CoarseSide | Feature::Zone | Feature::Partition | Feature::Sleep => {
+                None
+            }
         }
     }
 

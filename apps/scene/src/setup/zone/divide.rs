@@ -205,7 +205,12 @@ impl<'a> Deal<'a> {
         // The distance at a node serves all of its elements.
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(distance).collect();
         let slack = ON_BORDER * mesh.spacing();
-        for (e, side) in deal.sides.iter_mut().enumerate().filter(|(_, s)| **s == Side::Layer) {
+        for (e, side) in deal
+            .sides
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, s)| **s == Side::Layer)
+        {
             let corners = mesh.element(e).iter().map(|&k| at_nodes[k as usize]);
             let least = corners.fold(distance(&centroid(mesh, e)), f64::min);
             if border.is_empty() || least >= width - slack {
@@ -359,9 +364,9 @@ pub(super) fn part_at_edges(mesh: &Mesh<f64>, keep: &mut [bool], may_leave: impl
         edges.any(|edge| edge.iter().all(|k| corners.contains(k)))
     };
     let mut any = false;
-    for e in 0..keep.len() {
-        if keep[e] && may_leave(e) && touches(e) {
-            keep[e] = false;
+    for (e, kept) in keep.iter_mut().enumerate() {
+        if *kept && may_leave(e) && touches(e) {
+            *kept = false;
             any = true;
         }
     }
@@ -454,7 +459,8 @@ mod tests {
             filled += usize::from(own != core);
             let twice = once.moved(&piece.cut, 0, &own).expect("the same zone");
             assert_eq!(once.owners, twice.owners);
-            let bits = |d: &Division| -> Vec<u64> { d.zones[0].positions.iter().map(|x| x.to_bits()).collect() };
+            let bits =
+                |d: &Division| -> Vec<u64> { d.zones[0].positions.iter().map(|x| x.to_bits()).collect() };
             assert_eq!(bits(&once), bits(&twice));
         }
         assert!(filled > 20, "elements joined in {filled} cases");

@@ -100,7 +100,10 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if !kind(zone.kind).has_spheres() {
         return refuse("only spheres break: take kind = \"dem\" for the zone, or remove follow");
     }
-    let of_body = scene.body.as_ref().and_then(|b| kind(b.kind).refusal(Feature::Sleep));
+    let of_body = scene
+        .body
+        .as_ref()
+        .and_then(|b| kind(b.kind).refusal(Feature::Sleep));
     if let Some(rule) = of_body {
         return refuse(rule);
     }

@@ -3,8 +3,8 @@
 use super::divide::{Division, Owner};
 use super::{Piece, select};
 use crate::error::{Result, fem};
-use crate::setup::names::BODY;
 use crate::setup::lower::following;
+use crate::setup::names::BODY;
 use crate::setup::{BodyShape, LoweredScene, OverlapSource};
 use crate::spec::{Probe, Selection};
 use arlequin::core::nalgebra::{Point3, center};
@@ -86,7 +86,9 @@ impl Piece {
         };
         let mesh = division.field.mesh();
         let mut selected = vec![false; mesh.nodes().len()];
-        nodes_of(selection, division).into_iter().for_each(|k| selected[k] = true);
+        nodes_of(selection, division)
+            .into_iter()
+            .for_each(|k| selected[k] = true);
         let mut elements = (0..mesh.element_count()).filter(|e| of_body(*e));
         Ok(elements.any(|e| mesh.element(e).iter().any(|k| selected[*k as usize])))
     }

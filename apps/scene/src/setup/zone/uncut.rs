@@ -1,12 +1,12 @@
 //! Notches of zones that also cross elements of the body: these have no notch and close it there.
 
-use super::divide::{Owner, centroid};
 use super::around;
+use super::divide::{Owner, centroid};
 use crate::error::Result;
 use crate::setup::notch::{Knife, knives};
 use crate::setup::{LoweredScene, OverlapSource};
 use arlequin::core::geometry::bounds_of;
-use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::fem_ref::Mesh;
 use std::path::Path;
 
@@ -38,7 +38,11 @@ pub(in crate::setup) fn closed_notches(scene: &LoweredScene, folder: &Path) -> R
             let crossed = |e: &usize| crosses_inside(notch, mesh, *e);
             // A notch between two elements crosses neither: it counts for the first of them.
             let parted = |e: &usize| {
-                let mut others = beside.get(e).into_iter().flatten().filter(|n| *n > e && of_body(n));
+                let mut others = beside
+                    .get(e)
+                    .into_iter()
+                    .flatten()
+                    .filter(|n| *n > e && of_body(n));
                 others.any(|n| passes_between(notch, mesh, [*e, *n]) && !crossed(n))
             };
             let mut elements = (0..mesh.element_count())
