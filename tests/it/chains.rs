@@ -208,7 +208,7 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
                 .unwrap();
             pool.install(|| {
                 let mut c = build();
-                c.run(30, &mut Silent).unwrap();
+                c.run(12, &mut Silent).unwrap();
                 bits(&c)
             })
         };
@@ -216,10 +216,10 @@ fn chains_have_the_same_bits_on_any_number_of_threads_and_after_a_restart() {
         assert_eq!(serial, bits_on(2), "two threads");
         assert_eq!(serial, bits_on(3), "three threads");
         let mut first = build();
-        first.run(10, &mut Silent).unwrap();
+        first.run(4, &mut Silent).unwrap();
         let mut second = build();
         second.restore(&first.snapshot().unwrap()).unwrap();
-        second.run(20, &mut Silent).unwrap();
+        second.run(8, &mut Silent).unwrap();
         assert_eq!(serial, bits(&second), "after a restart");
     }
 }

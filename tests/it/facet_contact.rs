@@ -359,7 +359,17 @@ fn depth(run: &Coupled<f64>) -> f64 {
 
 /// Random pairs of turned blocks are shot at each other: none passes through, whatever the step.
 #[test]
+fn eight_random_turned_pairs_do_not_pass_through() {
+    shoot_random_pairs(8);
+}
+
+#[test]
+#[ignore = "half a minute"]
 fn forty_random_turned_pairs_do_not_pass_through() {
+    shoot_random_pairs(40);
+}
+
+fn shoot_random_pairs(count: usize) {
     let mut random = random(11);
     let kinds = [
         ("hex", "tet"),
@@ -371,7 +381,7 @@ fn forty_random_turned_pairs_do_not_pass_through() {
         ("hex", "cnem"),
         ("cnem", "dem"),
     ];
-    for k in 0..40 {
+    for k in 0..count {
         let (below, above) = kinds[k % kinds.len()];
         let mut turn = || Vector3::new(random(), random(), random()) * 3.0;
         let (first, second) = (turn(), turn());

@@ -376,9 +376,19 @@ fn threads_and_restarts_keep_the_bits_of_a_shared_ball() {
 
 /// Random rigid shapes, turned, are shot at blocks of elements: none passes through, whatever the step.
 #[test]
+fn ten_random_turned_shapes_do_not_pass_through() {
+    shoot_random_shapes(10);
+}
+
+#[test]
+#[ignore = "half a minute"]
 fn forty_random_turned_shapes_do_not_pass_through() {
+    shoot_random_shapes(40);
+}
+
+fn shoot_random_shapes(count: usize) {
     let mut random = random(7);
-    for k in 0..40 {
+    for k in 0..count {
         let turn = Vector3::new(random(), random(), random()) * 3.0;
         let axis = Rotation3::new(turn) * Vector3::z();
         // Above the middle of the block, whatever its shape.

@@ -86,8 +86,8 @@ pub(crate) struct Follow {
     barred: Vec<Option<Bar>>,
 }
 
-/// Place in the body at which its field is read for a sphere: the sphere's own, or if that lies outside of all
-/// elements, the first tenth of the way to the centre of the nearest one that does not.
+/// Place in the body at which its field is read for a sphere: the sphere's own, or if that lies outside of
+/// all elements, the first tenth of the way to the centre of the nearest one that does not.
 #[derive(Debug, Clone, Copy)]
 struct Place {
     element: u32,
@@ -101,8 +101,8 @@ impl Place {
             let element = field.element_at(&(x - way))? as u32;
             Some(Self { element, tenths })
         };
-        let found = (0..=10).find_map(place);
-        found.ok_or_else(|| key("body", "has no element at the centre of one"))
+        let first = (0..=10).find_map(place);
+        first.ok_or_else(|| key("body", "has no element at the centre of one"))
     }
 
     /// Way to a sphere at `x` \[m\].

@@ -296,8 +296,7 @@ fn bodies_of(
                 continue;
             }
             // Supports of a body also act on its zones.
-            let holds =
-                |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == BODY;
+            let holds = |s: &Support| s.model == **name || scene.zone.contains_key(name) && s.model == BODY;
             let numbered = scene.support.iter().enumerate();
             let supports: Vec<_> = numbered.filter(|(_, s)| holds(s)).collect();
             let order = Order {

@@ -261,6 +261,7 @@ fn clusters_and_full_sums_of_a_chain_are_one() {
 /// Clusters stand for bonds like their own on a chain, cut elements included. On a packing they do not, and
 /// the strain of the patch differs from that of all bonds.
 #[test]
+#[ignore = "twenty seconds"]
 fn clusters_differ_from_full_sums_on_a_packing_alone() {
     let text = std::fs::read_to_string(scene("bar-1d.toml").source().path.clone()).expect("a file");
     let cut = Scene::from_text(text.replace("0.28", "0.295")).expect("a scene");
@@ -365,6 +366,7 @@ fn figures_do_not_depend_on_units_place_and_direction() {
 /// wave that both carry is sent back a little (Tang, Hou and Liu 2006), and the coarse model does not know
 /// what was lost.
 #[test]
+#[ignore = "a quarter of a minute"]
 fn a_memory_takes_short_waves() {
     let [own, bridging] = rows(board(&scene("bar-1d.toml"), &[Method::BridgingScale], 1.0));
     within(

@@ -111,8 +111,8 @@ fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
     // Measured: 3 % of the work that the clamp puts in, 2.25 mJ.
     let work: f64 = changes.iter().map(|c| c.work.abs()).sum();
     assert!(work < 0.15e-3, "the changes took {work:e} J");
-    let told = |w: &&String| w.contains("woke too late");
-    assert_eq!(summary.warnings.iter().filter(told).count(), 0);
+    let late = |w: &&String| w.contains("woke too late");
+    assert_eq!(summary.warnings.iter().filter(late).count(), 0);
     // Margins ask for elements at the clamps, which the zone must leave to the body.
     let off_supports = |w: &String| w.contains("would have to reach support 'clamp'");
     assert!(
@@ -186,10 +186,10 @@ fn loads_beyond_the_region_of_spheres_are_told() {
         ])
     };
     let warnings = run(&far("false")).summary().warnings.clone();
-    let told = warnings
+    let beyond = warnings
         .iter()
         .filter(|w| w.contains("outside of zone.crack.follow.within"));
-    assert_eq!(told.count(), 1, "{warnings:?}");
+    assert_eq!(beyond.count(), 1, "{warnings:?}");
     let error = far("true").prepare().expect("built").run(&mut Silent);
     let message = error.map(|_| ()).expect_err("a load beyond").to_string();
     assert!(
@@ -204,12 +204,12 @@ fn a_run_that_is_resumed_between_looks_finds_the_same_elements() {
     let strip = "follow.within.box = { low = [-1e-3, 3e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
     let scene = scene(&[
         COARSE[0],
-        ("end = 70e-6", "end = 40e-6"),
+        ("end = 70e-6", "end = 32e-6"),
         ("follow = true", strip),
     ]);
     let changes = |results: &Results| -> Vec<[usize; 3]> {
-        let all = results.summary().conversions.iter();
-        all.map(|c| [c.step, c.cells[0], c.cells[1]]).collect()
+        let changes = results.summary().conversions.iter();
+        changes.map(|c| [c.step, c.cells[0], c.cells[1]]).collect()
     };
     let whole = run(&scene);
     let last = whole.summary().conversions.last().expect("changes").step;
@@ -282,8 +282,8 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
     };
     let results = run(&seldom("false"));
     let warnings = &results.summary().warnings;
-    let told = warnings.iter().filter(|w| w.contains("woke too late"));
-    assert_eq!(told.count(), 1, "{warnings:?}");
+    let late = warnings.iter().filter(|w| w.contains("woke too late"));
+    assert_eq!(late.count(), 1, "{warnings:?}");
     let error = seldom("true").prepare().expect("built").run(&mut Silent);
     let message = error.map(|_| ()).expect_err("too late").to_string();
     assert!(
@@ -310,8 +310,8 @@ fn spheres_hardly_finer_than_the_elements_come_through_all_changes() {
     );
 }
 
-/// A probe of the body reads the spheres where the zone begins; elsewhere the run names each probe whose model
-/// sleeps.
+/// A probe of the body reads the spheres where the zone begins; elsewhere the run names each probe whose
+/// model sleeps.
 #[test]
 fn probes_whose_model_sleeps_are_named() {
     let probe = |name: &str, model: &str, x: f64| {
@@ -357,12 +357,12 @@ fn a_notch_that_reaches_beyond_its_zone_is_named() {
     };
     let notch = "{ low = [-1e-3, 10e-3, -1e-3], high = [12e-3, 10e-3, 3e-3] }";
     assert_eq!(warnings(&[]), [""; 0]);
-    // 6 mm beyond the zone's elements, two of 1 mm in the thickness. The notch lies between elements, or in them.
+    // 6 mm beyond the zone's elements, two of 1 mm in the thickness. The notch lies between elements or in them.
     for (y, count) in [("10e-3", 12), ("10.4e-3", 12)] {
         let long = format!("{{ low = [-1e-3, {y}, -1e-3], high = [20e-3, {y}, 3e-3] }}");
-        let found = warnings(&[(notch, &long)]);
+        let closed = warnings(&[(notch, &long)]);
         let words = format!("zone.crack.dem.notch[0] also crosses {count} elements");
-        assert!(found.len() == 1 && found[0].contains(&words), "{found:?}");
+        assert!(closed.len() == 1 && closed[0].contains(&words), "{closed:?}");
     }
     let plane = "{ plane = { point = [0.0, 10e-3, 0.0], normal = [0.1, 1.0, 0.0], \
                  within = { low = [-1e-3, 0.0, -1.0], high = [20e-3, 20e-3, 1.0] } } }";
@@ -455,8 +455,8 @@ fn a_zone_lets_go_of_what_is_no_longer_loaded() {
     );
     let work: f64 = summary.conversions.iter().map(|c| c.work.abs()).sum();
     assert!(work < 0.2e-3, "the changes took {work:e} J");
-    let told = |w: &&String| w.contains("woke too late");
-    assert_eq!(summary.warnings.iter().filter(told).count(), 0);
+    let late = |w: &&String| w.contains("woke too late");
+    assert_eq!(summary.warnings.iter().filter(late).count(), 0);
 }
 
 /// A plate that two tractions draw apart carries them through all changes: the resultant of a clamp is that

@@ -54,8 +54,8 @@ impl Surface {
         Some((foot.sign * foot.distance, normal))
     }
 
-    /// Returns whether `x` lies farther than `reach` inside of the planes of given triangles, if these are few:
-    /// it then lies inside and farther from all of them, which spares the search for the nearest point.
+    /// Returns whether `x` lies farther than `reach` inside of the planes of given triangles, if these are
+    /// few: it then lies inside and farther from all of them, which spares the search for the nearest point.
     #[inline]
     fn is_below_all(&self, x: &Vector3<f64>, reach: f64, near: &Near<'_>) -> bool {
         // Rounded up: the distance decides where both agree up to round-off.

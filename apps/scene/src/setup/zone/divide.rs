@@ -355,7 +355,8 @@ impl<'a> Deal<'a> {
 }
 
 /// Removes elements that `may_leave` and touch an edge at which more than two faces of the surface of those
-/// in `keep` meet; a closed surface has two. Returns whether there were any: others may then touch such edges.
+/// in `keep` meet; a closed surface has two. Returns whether there were any: others may then touch such
+/// edges.
 pub(super) fn part_at_edges(mesh: &Mesh<f64>, keep: &mut [bool], may_leave: impl Fn(usize) -> bool) -> bool {
     let crowded = crowded_edges(mesh, |e| keep[e]);
     let touches = |e: usize| {

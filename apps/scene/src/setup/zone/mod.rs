@@ -282,10 +282,10 @@ impl Piece {
     ) -> Result<(Triangles, Vec<[Point3<f64>; 3]>)> {
         let division = self.cut.division(folder)?;
         let whole = division.field.mesh();
-        let own: Vec<bool> = (0..whole.element_count())
+        let in_piece: Vec<bool> = (0..whole.element_count())
             .map(|e| self.keeps(division, e))
             .collect();
-        let (mesh, border) = around::extended_zone(whole, &own, margin)?;
+        let (mesh, border) = around::extended_zone(whole, &in_piece, margin)?;
         Ok((triangles_of(&mesh), border))
     }
 

@@ -50,20 +50,20 @@ impl Piece {
     /// that holds a part of the probe's place while the body's own model holds the other part.
     pub(super) fn zones_of_probe(&self, probe: &Probe, folder: &Path) -> Result<[Option<&str>; 2]> {
         let division = self.cut.division(folder)?;
-        let at = |x: Point3<f64>| Ok([self.zone_beyond_body(&x, division)?, None]);
+        let zone_at = |x: Point3<f64>| Ok([self.zone_beyond_body(&x, division)?, None]);
         if let Some(x) = probe.at {
-            return at(Point3::from(x));
+            return zone_at(Point3::from(x));
         }
         if let Some(crack) = &probe.crack {
             let [from, to] = crack.front.map(Point3::from);
-            return at(center(&from, &to));
+            return zone_at(center(&from, &to));
         }
         let Some(selection) = &probe.over else {
             return Ok([None, None]);
         };
         let nodes = nodes_of(selection, division);
         if let (true, Selection::Box(low, high)) = (nodes.is_empty(), selection) {
-            return at(center(&Point3::from(*low), &Point3::from(*high)));
+            return zone_at(center(&Point3::from(*low), &Point3::from(*high)));
         }
         let zones = zones_alone(division, &nodes);
         let first = zones.iter().flatten().next();
