@@ -289,6 +289,53 @@ end = 2.0
     }
 }
 
+/// Spheres that sleep are not drawn, and the zone grows from frame to frame; its mediator is left out.
+#[test]
+#[ignore = "needs a browser; .ci/run installs one and runs this"]
+fn a_zone_that_follows_is_shown_as_it_goes() {
+    let place = scratch("browser-follows");
+    let mut browser = Browser::start(&place.join("profile"));
+    let mut text_of_scene = std::fs::read_to_string(scene("following.toml")).expect("a shipped scene");
+    for (from, to) in [
+        ("spacing = 0.5e-3", "spacing = 0.7e-3"),
+        ("end = 70e-6", "end = 18e-6"),
+        ("amplitude = 4e-6", "amplitude = 6e-6"),
+    ] {
+        assert!(text_of_scene.contains(from), "{from}");
+        text_of_scene = text_of_scene.replace(from, to);
+    }
+    let file = place.join("scene.toml");
+    std::fs::write(&file, text_of_scene).expect("a scene");
+    let out = place.join("out");
+    succeed(&["run", text(&file), "--out", text(&out)]);
+    let printed = common::unwrapped(&succeed(&["view", text(&out)]));
+    assert!(printed.contains("'mediator-crack' is left out"), "{printed}");
+    let page = out.join("view.html");
+    assert_eq!(
+        browser
+            .visit_part(&page, "#view=0,0,1&field=", 1280, false)
+            .faults(),
+        Vec::<String>::new()
+    );
+    let awake = "parts.find(p => p.name === 'crack').objects.balls.geometry.index.count";
+    let mut counts = [0, 0];
+    for (count, frame) in counts.iter_mut().zip(["0", "about.times.length - 1"]) {
+        browser.value(&format!("go({frame})"));
+        *count = browser.value(awake).as_u64().expect("a number");
+    }
+    let summary = common::summary(&out);
+    let ends = ["/conversions/0/spheres/0", "/models/1/nodes"].map(|p| common::number(&summary, p));
+    // Of the overlap, those with less than half of the weight are left to the elements.
+    assert!(
+        counts[0] as f64 <= ends[0] && counts[0] as f64 > 0.3 * ends[0],
+        "{counts:?} {ends:?}"
+    );
+    assert!(
+        counts[1] as f64 <= ends[1] && counts[1] > counts[0] * 6 / 5,
+        "{counts:?} {ends:?}"
+    );
+}
+
 #[test]
 #[ignore = "needs a browser; .ci/run installs one and runs this"]
 fn the_controls_of_a_page_do_what_they_say() {

@@ -102,7 +102,7 @@ class Part {
     this.objects = {};
     // A plane would hide what is behind it.
     this.mode = !about.mediator && !about.kind && this.faces.length < 60 ? "outline" : "solid";
-    this.share();
+    this.share(0);
     const add = (name, Kind, mat, attributes) => {
       const g = new THREE.BufferGeometry();
       for (const k in attributes) g.setAttribute(k, attributes[k]);
@@ -140,13 +140,15 @@ class Part {
     }
   }
 
-  /** Which points and cells have at least half of the weight of their place: in an overlap, one of the two models. */
-  share() {
-    const weight = this.fields.find((f) => f.name === "alpha" && !f.onLines);
-    if (!weight) return;
-    const alpha = this.values(weight, 0, 0, new Float32Array(this.count));
+  /** Which points and cells have at least half of the weight of their place at a frame: in an overlap, one of the two models.
+      Weights change where a zone moves. */
+  share(frame) {
+    this.weight ??= this.fields.find((f) => f.name === "alpha" && !f.onLines);
+    const known = this.weight && Math.min(frame, this.weight.frames - 1);
+    if (!this.weight || this.mine?.frame === known) return;
+    const alpha = this.values(this.weight, known, 0, new Float32Array(this.count));
     const most = (w) => (w >= 0.4999 ? 1 : 0);
-    this.mine = { points: Uint8Array.from(alpha, most), cells: Uint8Array.from(this.cellMeans(alpha), most) };
+    this.mine = { frame: known, points: Uint8Array.from(alpha, most), cells: Uint8Array.from(this.cellMeans(alpha), most) };
   }
 
   /** Means of values at points over the corners of each cell. */
@@ -266,6 +268,7 @@ class Part {
   /** Leaves out what a cut, the other model of an overlap and the limits of the values take: whole cells, balls and bonds, so
       that what is seen is what was computed. */
   cut(keep, once, limits, frame) {
+    if (once) this.share(frame);
     const own = once ? this.mine : undefined, f = this.faces;
     const valued = limits && this.objects[this.faces.length ? "faces" : "balls"]?.material.uniforms.painted.value;
     const within = (v) => v >= limits[0] && v <= limits[1];

@@ -61,7 +61,7 @@ function update() {
   const field = fields().find((f) => f.name === state.field);
   shared.warp.value = state.warp;
   for (const p of parts) p.show(state.frame, state.field, state.component);
-  if (limited()) cutParts();
+  if (limited() || (shown.once && parts.some((p) => p.weight?.frames > 1))) cutParts();
   if (parts.length) legend(field);
   const t = about.times[state.frame];
   element("frame").value = state.frame;

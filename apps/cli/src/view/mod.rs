@@ -111,9 +111,28 @@ fn pictures(
     notices.extend(plan.notices.iter().cloned());
     let mut parts = Vec::new();
     for s in &all {
-        parts.push(Part::read(s, &plan, notices)?);
+        if keeps_its_points(s, &plan.times)? {
+            parts.push(Part::read(s, &plan, notices)?);
+        } else {
+            notices.push(format!(
+                "'{}' is left out: its points are others in later frames, as the overlap of a zone that moves",
+                s.name
+            ));
+        }
     }
     Ok((plan.times, parts))
+}
+
+/// Returns whether all frames of a series at these times have as many points and cells as its first one.
+fn keeps_its_points(series: &Series, times: &[f64]) -> Result<bool> {
+    let start = Frame::open(first(series))?;
+    for path in times.iter().filter_map(|t| series.file_at(*t)) {
+        let frame = Frame::open(path)?;
+        if (frame.points, frame.cells) != (start.points, start.cells) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Selection of the frames and particles of a run that the page shows.

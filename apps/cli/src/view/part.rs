@@ -251,11 +251,6 @@ fn fields(series: &Series, plan: &Plan, full: &Grid, kept: &Kept) -> Result<Vec<
                 })?;
             let mut values = frame.numbers(&current)?;
             if array.section == Section::Points {
-                if values.len() != full.points.len() {
-                    let rule =
-                        "has another number of points than the first frame, which this page cannot show";
-                    return Err(value("DIR", path.display(), rule));
-                }
                 // The array holds positions; the page needs displacements.
                 values.iter_mut().zip(&full.points).for_each(|(v, x)| *v -= x);
             } else if array.section == Section::CellData && !on_lines {

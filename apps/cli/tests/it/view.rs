@@ -71,6 +71,19 @@ fn a_page_holds_every_part_field_and_curve_and_asks_for_nothing() {
     for outside in ["src=\"", "href=\"http", "@import", "fetch("] {
         assert!(!text_of_page.contains(outside), "{outside}");
     }
+    // A part whose points are others in a later frame is left out, and the rest is shown.
+    let frames = out.join("vtu");
+    let mut of_mediator: Vec<_> = std::fs::read_dir(&frames)
+        .expect("frames")
+        .map(|e| e.expect("a frame").path())
+        .collect();
+    of_mediator.retain(|f| f.to_string_lossy().contains("mediator-joint"));
+    let last = of_mediator.iter().max().expect("a frame of the mediator");
+    let of_left = last.to_string_lossy().replace("mediator-joint", "left");
+    std::fs::copy(of_left, last).expect("another grid");
+    let printed = crate::common::unwrapped(&succeed(&["view", text(&out)]));
+    assert!(printed.contains("'mediator-joint' is left out"), "{printed}");
+    assert_eq!(page_data(&page)["parts"].as_array().map(Vec::len), Some(2));
     // The page belongs to the results: it can be written again, and a new run replaces it.
     succeed(&["view", text(&out)]);
     succeed(&["run", text(&scene), "--out", text(&out), "--force"]);
