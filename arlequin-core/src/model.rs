@@ -463,9 +463,9 @@ pub trait Breakable<T: Real>: Sync {
     /// Nodes at the ends of each part.
     fn parts(&self) -> &[[u32; 2]];
 
-    /// Returns the load of each part in the displacements `q` over its strength \[–\], as a number that grows
-    /// in proportion to the displacements; zero for broken parts and for those that are not `wanted`.
-    fn utilisations(&self, q: &[T], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<T>;
+    /// Returns the load of each of these parts in the displacements `q` over its strength \[–\], as a number
+    /// that grows in proportion to the displacements; zero for broken parts.
+    fn utilisations(&self, q: &[T], parts: &[u32]) -> Vec<T>;
 }
 
 /// A model whose internal forces are `−K q`.

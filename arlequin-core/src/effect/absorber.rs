@@ -296,16 +296,33 @@ fn shape_matrix<T: Real>(shapes: &[Shaped<T>]) -> CsMat<T> {
 /// Share of its diagonal by which `NᵀDN` grows if it is singular.
 const RAISED: f64 = 1e-12;
 
+/// `NᵀDN`, a column at a time. Sums run over the rows of `N` in their order; a list of all products, eight
+/// times eight for each row, would have to be sorted.
+fn normal_matrix<T: Real>(n: &CsMat<T>, damping: &[T]) -> CsMat<T> {
+    let size = n.cols();
+    let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+    let (mut sums, mut column_of) = (vec![T::zero(); size], vec![usize::MAX; size]);
+    for (a, column) in n.transpose_view().to_csr().outer_iterator().enumerate() {
+        let first = rows.len();
+        for (r, x) in column.iter() {
+            for (b, y) in n.outer_view(r).iter().flat_map(|row| row.iter()) {
+                if column_of[b] != a {
+                    (column_of[b], sums[b]) = (a, T::zero());
+                    rows.push(b);
+                }
+                sums[b] += *x * *y * damping[r];
+            }
+        }
+        rows[first..].sort_unstable();
+        values.extend(rows[first..].iter().map(|b| sums[*b]));
+        starts.push(rows.len());
+    }
+    CsMat::new_csc((size, size), starts, rows, values)
+}
+
 /// Factor of `NᵀDN`; `None` unless the resolved space is coarser than the model.
 fn factor<T: Real>(n: &CsMat<T>, damping: &[T]) -> Option<Box<dyn SpdFactor<T>>> {
-    let mut sum = TriMat::new((n.cols(), n.cols()));
-    for (r, damping) in n.outer_iterator().zip(damping) {
-        for (a, x) in r.iter() {
-            r.iter()
-                .for_each(|(b, y)| sum.add_triplet(a, b, *x * *y * *damping));
-        }
-    }
-    let mut g: CsMat<T> = sum.to_csc();
+    let mut g = normal_matrix(n, damping);
     if let Ok(factor) = T::cholesky(&g, None) {
         return Some(factor);
     }

@@ -92,20 +92,16 @@ impl DemModel {
     }
 
     /// See [`arlequin_core::Breakable::utilisations`].
-    pub(super) fn utilisations_of(&self, q: &[f64], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<f64> {
+    pub(super) fn utilisations_of(&self, q: &[f64], bonds: &[u32]) -> Vec<f64> {
         let Some(fracture) = &self.fracture else {
-            return vec![0.0; self.body.pairs().len()];
+            return vec![0.0; bonds.len()];
         };
         let (log, reader) = (locked(&self.log), self.reader(q));
-        let broken = |b: usize| log.is_broken_here(b);
-        let of_bond = |b: usize| match wanted(b) && !broken(b) {
-            true => fracture.utilisation(&self.body, &reader, b),
-            false => 0.0,
+        let of_bond = |b: &u32| match log.is_broken_here(*b as usize) {
+            true => 0.0,
+            false => fracture.utilisation(&self.body, &reader, *b as usize),
         };
-        (0..self.body.pairs().len())
-            .into_par_iter()
-            .map(of_bond)
-            .collect()
+        bonds.par_iter().map(of_bond).collect()
     }
 
     /// Compares bonds with their strengths one by one instead of in the force kernel: the slower reference

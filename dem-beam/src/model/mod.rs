@@ -498,8 +498,8 @@ impl Breakable<f64> for DemModel {
         self.body.pairs()
     }
 
-    fn utilisations(&self, q: &[f64], wanted: &(dyn Fn(usize) -> bool + Sync)) -> Vec<f64> {
-        self.utilisations_of(q, wanted)
+    fn utilisations(&self, q: &[f64], parts: &[u32]) -> Vec<f64> {
+        self.utilisations_of(q, parts)
     }
 }
 

@@ -1,0 +1,226 @@
+//! What a look at the bonds finds: the elements that the zone should have.
+
+use super::Follow;
+use crate::error::{Result, core};
+use crate::run::quiet::Strain;
+use crate::setup::{Bar, Share};
+use arlequin::core::nalgebra::{Matrix3, Vector3};
+use arlequin::core::{Breakable, Coupled, Interpolation, ShapeRow, Subdomain};
+use arlequin::dem_beam::fracture::locked;
+use rayon::prelude::*;
+
+/// Utilisation above which a bond needs elements of the zone around it.
+const HOT: f64 = 0.8;
+/// Elements beyond the margin that join in a change that is due.
+pub(super) const AHEAD: usize = 3;
+/// Share of the zone's elements that leave together at least.
+const LEAVE: f64 = 0.05;
+/// Share of `wake` above which elements join in a change that is due.
+const SOON: f64 = 0.9;
+
+/// Bonds with their utilisations \[–\].
+type Loads = (Vec<u32>, Vec<f64>);
+
+/// Findings of a look: the elements that the zone should have, the worst bond that slept, the most loaded
+/// element that has no spheres, and what keeps the zone from where bonds are loaded.
+pub(super) struct Look {
+    pub(super) core: Vec<bool>,
+    pub(super) late: Option<(usize, f64)>,
+    pub(super) outside: Option<(usize, f64)>,
+    pub(super) barred: Option<Bar>,
+}
+
+impl Follow {
+    /// Marks the elements in which a bond broke since the last look.
+    fn mark_breaks(&mut self, hot: &mut [bool]) {
+        let log = locked(&self.log);
+        let events = log.events();
+        debug_assert!(events.len() >= self.state.seen);
+        for e in &events[self.state.seen.min(events.len())..] {
+            hot[self.homes[1][e.bond as usize] as usize] = true;
+        }
+        self.state.seen = events.len();
+    }
+
+    /// Finds the most loaded element that has no spheres, if it is loaded like spheres at their strength.
+    fn loaded_outside(&self, strains: &[Strain], loud: &[bool]) -> Option<(usize, f64)> {
+        let mut out: Option<(usize, f64)> = None;
+        for e in (0..loud.len()).filter(|e| !self.filled[*e]) {
+            let u = self.quiet.typical(&strains[e]);
+            if u >= 1.0 && out.is_none_or(|o| u > o.1) {
+                out = Some((e, u));
+            }
+        }
+        out
+    }
+
+    /// Utilisations of bonds of the zone, near to elements that these can bring along, in their own state; and
+    /// of bonds that sleep in elements marked in `loud`, in the body's field. Each with its bonds.
+    fn utilisations(
+        &self,
+        run: &Coupled<f64>,
+        bonds: &dyn Breakable<f64>,
+        loud: &[bool],
+    ) -> Result<[Loads; 2]> {
+        let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
+        let of_spheres = &self.homes[0];
+        let pairs = bonds.parts();
+        let in_zone = |b: u32| {
+            let ends = pairs[b as usize].map(|i| self.shares[of_spheres[i as usize] as usize]);
+            ends.contains(&Share::Zone)
+        };
+        let releases = self.moving.limits.release.is_some();
+        let (mut awake, mut asleep) = (Vec::new(), Vec::new());
+        for (e, loud) in loud.iter().enumerate() {
+            let in_element = || self.bonds_in.row(e).iter().copied();
+            if releases || self.rim[e] {
+                let of_body = self.shares[e] == Share::Body;
+                awake.extend(in_element().filter(|b| !of_body || in_zone(*b)));
+            }
+            if *loud {
+                asleep.extend(in_element().filter(|b| !in_zone(*b)));
+            }
+        }
+        let mut wanted = vec![false; of_spheres.len()];
+        for b in &asleep {
+            pairs[*b as usize].iter().for_each(|i| wanted[*i as usize] = true);
+        }
+        let in_field = bonds.utilisations(&self.field_at_spheres(&wanted, body, spheres)?, &asleep);
+        let loads = bonds.utilisations(&spheres.state().q, &awake);
+        Ok([(awake, loads), (asleep, in_field)])
+    }
+
+    /// Finds the elements that the zone should have.
+    pub(super) fn wanted(&mut self, run: &Coupled<f64>) -> Result<Look> {
+        let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
+        let mut hot = vec![false; self.shares.len()];
+        self.mark_breaks(&mut hot);
+        let mut out = Look {
+            core: self.state.core.clone(),
+            late: None,
+            outside: None,
+            barred: None,
+        };
+        let Some(bonds) = spheres.model().views().breakable else {
+            return Ok(out);
+        };
+        let limits = &self.moving.limits;
+        let strains = self.quiet.strains(&body.state().q);
+        let soon_at = SOON * limits.wake;
+        let loud = self.quiet.may_reach(soon_at, &strains, &self.state.last);
+        out.outside = self.loaded_outside(&strains, &loud);
+        let [awake, asleep] = self.utilisations(run, bonds, &loud)?;
+        let element = |b: u32| self.homes[1][b as usize] as usize;
+        let mut soon = vec![false; hot.len()];
+        let mut largest = vec![0.0_f64; hot.len()];
+        for (b, u) in asleep.0.into_iter().zip(asleep.1) {
+            let e = element(b);
+            largest[e] = largest[e].max(u);
+            out.core[e] |= u >= limits.wake;
+            soon[e] |= u >= soon_at;
+            if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
+                out.late = Some((b as usize, u));
+            }
+        }
+        for e in (0..loud.len()).filter(|e| loud[*e]) {
+            self.state.last[e] = (strains[e], largest[e]);
+        }
+        let mut busy = self.first.clone();
+        for (b, u) in awake.0.into_iter().zip(awake.1) {
+            let e = element(b);
+            hot[e] |= u >= HOT;
+            busy[e] |= limits.release.is_some_and(|release| u >= release);
+        }
+        if limits.release.is_some() {
+            self.let_go(busy, &mut out.core);
+        }
+        self.join(self.around(hot, limits.margin), &soon, &mut out);
+        Ok(out)
+    }
+
+    /// Adds the elements `hot` to those that a look wants, without those that the zone must leave to the
+    /// body. If the zone changes, elements around and those of `soon` join as well.
+    fn join(&self, hot: Vec<bool>, soon: &[bool], look: &mut Look) {
+        let add = |core: &mut [bool], new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
+        add(&mut look.core, &hot);
+        for (core, bar) in look.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = bar.is_none();
+            look.barred = look.barred.or(*bar);
+        }
+        if look.core != self.state.core {
+            add(&mut look.core, &self.around(hot, AHEAD));
+            add(&mut look.core, soon);
+            let free = self.barred.iter().map(Option::is_none);
+            look.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
+        }
+    }
+
+    /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay
+    /// for a change.
+    fn let_go(&self, busy: Vec<bool>, core: &mut [bool]) {
+        let mut broken = vec![false; core.len()];
+        let log = locked(&self.log);
+        let events = log.events().iter();
+        events.for_each(|e| broken[self.homes[1][e.bond as usize] as usize] = true);
+        let stay = [
+            self.around(busy, AHEAD),
+            self.around(broken, self.moving.limits.margin),
+        ];
+        let may_leave = |e: &usize| self.state.core[*e] && !stay[0][*e] && !stay[1][*e];
+        let leave: Vec<usize> = (0..core.len()).filter(may_leave).collect();
+        let size = self.state.core.iter().filter(|c| **c).count();
+        if leave.len() as f64 >= LEAVE * size as f64 {
+            leave.iter().for_each(|e| core[*e] = false);
+        }
+    }
+
+    /// Elements within `layers` elements of some.
+    pub(super) fn around(&self, mut some: Vec<bool>, layers: usize) -> Vec<bool> {
+        for _ in 0..layers {
+            let grown = |e: usize| some[e] || self.neighbours[e].iter().any(|k| some[*k as usize]);
+            some = (0..some.len()).map(grown).collect();
+        }
+        some
+    }
+
+    /// Displacements and rotations of the `wanted` spheres in the body's field; zero for the others.
+    fn field_at_spheres(
+        &self,
+        wanted: &[bool],
+        body: &Subdomain<f64>,
+        spheres: &Subdomain<f64>,
+    ) -> Result<Vec<f64>> {
+        let (q, field, nodes) = (&body.state().q, self.moving.field()?, spheres.model().nodes());
+        let mut out = vec![0.0; spheres.state().q.len()];
+        let (linear, angular) = out.split_at_mut(spheres.model().layout().translations());
+        let chunks = linear
+            .par_chunks_exact_mut(3)
+            .zip(angular.par_chunks_exact_mut(3));
+        let read = |row: &mut ShapeRow<f64>, ((u, th), i): ((&mut [f64], &mut [f64]), usize)| {
+            if !wanted[i] {
+                return Ok(());
+            }
+            let (x, place) = (&nodes[i], self.places[i]);
+            let way = place.way(x, &self.centres[self.homes[0][i] as usize]);
+            field.shape_in(place.element as usize, &(x - way), true, row)?;
+            let (mut value, mut turn) = (Vector3::zeros(), Vector3::zeros());
+            let mut slope = Matrix3::zeros();
+            for (k, &node) in row.nodes.iter().enumerate() {
+                let d = Vector3::from_column_slice(&q[3 * node..3 * node + 3]);
+                value += d * row.values[k];
+                turn += row.gradients[k].cross(&d) * 0.5;
+                slope += d * row.gradients[k].transpose();
+            }
+            // Outside, the field goes on linearly.
+            let relaxation = self.moving.responses[i].in_gradient(&slope);
+            u.copy_from_slice((value + slope * way + relaxation[0]).as_slice());
+            th.copy_from_slice((turn + relaxation[1]).as_slice());
+            Ok(())
+        };
+        let read_all = chunks
+            .zip(0..nodes.len())
+            .try_for_each_init(ShapeRow::default, read);
+        read_all.map_err(core("body"))?;
+        Ok(out)
+    }
+}

@@ -1,0 +1,126 @@
+//! What looks need of a body and its spheres, made ready once: the elements of spheres and bonds, and the loads
+//! of bonds in unit strains.
+
+use crate::error::{Error, Result, key};
+use crate::run::quiet::{PLACES, Strain};
+use crate::setup::Moving;
+use arlequin::core::Breakable;
+use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::fem_ref::FemField;
+use rayon::prelude::*;
+
+/// Place in the body at which its field is read for a sphere: the sphere's own, or if that lies outside of
+/// all elements, the first tenth of the way to the centre of the nearest one that does not.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) element: u32,
+    tenths: u8,
+}
+
+impl Place {
+    pub(super) fn new(field: &FemField<f64>, x: &Point3<f64>, centre: &Point3<f64>) -> Result<Self> {
+        let place = |tenths: u8| {
+            let way = Self { element: 0, tenths }.way(x, centre);
+            let element = field.element_at(&(x - way))? as u32;
+            Some(Self { element, tenths })
+        };
+        let first = (0..=10).find_map(place);
+        first.ok_or_else(|| key("body", "has no element at the centre of one"))
+    }
+
+    /// Way to a sphere at `x` \[m\].
+    pub(super) fn way(self, x: &Point3<f64>, centre: &Point3<f64>) -> Vector3<f64> {
+        (x - centre) * (0.1 * f64::from(self.tenths))
+    }
+}
+
+/// Lists of numbers, one after the other.
+#[derive(Debug)]
+pub(super) struct Lists {
+    starts: Vec<usize>,
+    numbers: Vec<u32>,
+}
+
+impl Lists {
+    /// Lists for each of `count` groups the places at which its number stands in `groups`, ascending.
+    pub(super) fn new(groups: &[u32], count: usize) -> Self {
+        let mut starts = vec![0; count + 1];
+        groups.iter().for_each(|g| starts[*g as usize + 1] += 1);
+        (0..count).for_each(|g| starts[g + 1] += starts[g]);
+        let (mut ends, mut numbers) = (starts.clone(), vec![0; groups.len()]);
+        for (k, g) in (0..).zip(groups) {
+            let end = &mut ends[*g as usize];
+            numbers[*end] = k;
+            *end += 1;
+        }
+        Self { starts, numbers }
+    }
+
+    pub(super) fn row(&self, group: usize) -> &[u32] {
+        &self.numbers[self.starts[group]..self.starts[group + 1]]
+    }
+}
+
+/// Largest utilisations of the bonds of each element in unit strains of either sign \[–\].
+pub(super) fn in_unit_strains(
+    (bonds, of_bonds): (&dyn Breakable<f64>, &[u32]),
+    nodes: &[Point3<f64>],
+    moving: &Moving,
+    elements: usize,
+) -> Vec<Strain> {
+    // So small that laws with finite rotations stay linear.
+    const SMALL: f64 = 1e-6;
+    let mut out = vec![[0.0_f64; 6]; elements];
+    let all_bonds: Vec<u32> = (0..of_bonds.len() as u32).collect();
+    for (k, [i, j]) in PLACES.into_iter().enumerate() {
+        let mut strain = Matrix3::zeros();
+        strain[(i, j)] += 0.5 * SMALL;
+        strain[(j, i)] += 0.5 * SMALL;
+        for sign in [1.0, -1.0] {
+            let h: Matrix3<f64> = strain * sign;
+            let mut q = vec![0.0; 6 * nodes.len()];
+            let (linear, angular) = q.split_at_mut(3 * nodes.len());
+            let chunks = linear
+                .par_chunks_exact_mut(3)
+                .zip(angular.par_chunks_exact_mut(3));
+            let places = nodes.par_iter().zip(&*moving.responses);
+            chunks.zip(places).for_each(|((u, th), (x, response))| {
+                let relaxation = response.in_gradient(&h);
+                u.copy_from_slice((h * x.coords + relaxation[0]).as_slice());
+                th.copy_from_slice(relaxation[1].as_slice());
+            });
+            let loads = bonds.utilisations(&q, &all_bonds);
+            for (u, e) in loads.iter().zip(of_bonds) {
+                let most = &mut out[*e as usize][k];
+                *most = most.max(u / SMALL);
+            }
+        }
+    }
+    out
+}
+
+/// Element of the body at each of some places.
+pub(super) fn homes(moving: &Moving, places: impl Iterator<Item = Vector3<f64>>) -> Result<Vec<u32>> {
+    places
+        .map(|x| Ok(moving.element_at(&x.into())? as u32))
+        .collect::<Result<_, Error>>()
+}
+
+/// Elements that share a node with each element.
+pub(super) fn neighbours(moving: &Moving) -> Result<Vec<Vec<u32>>> {
+    let mesh = moving.mesh()?;
+    let mut around = vec![Vec::new(); mesh.nodes().len()];
+    for e in 0..mesh.element_count() {
+        mesh.element(e)
+            .iter()
+            .for_each(|k| around[*k as usize].push(e as u32));
+    }
+    let of_element = |e: usize| {
+        let nodes = mesh.element(e).iter();
+        let mut out: Vec<u32> = nodes.flat_map(|k| around[*k as usize].iter().copied()).collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    };
+    Ok((0..mesh.element_count()).map(of_element).collect())
+}
