@@ -359,7 +359,7 @@ fn a_notch_that_reaches_beyond_its_zone_is_named() {
     };
     let notch = "{ low = [-1e-3, 10e-3, -1e-3], high = [12e-3, 10e-3, 3e-3] }";
     assert_eq!(warnings(&[]), [""; 0]);
-    // 6 mm beyond the zone's elements, two of 1 mm in the thickness. The notch lies between elements or in them.
+    // 6 mm beyond the zone's elements, two of 1 mm in the thickness, along faces of elements or through them.
     for (y, count) in [("10e-3", 12), ("10.4e-3", 12)] {
         let long = format!("{{ low = [-1e-3, {y}, -1e-3], high = [20e-3, {y}, 3e-3] }}");
         let closed = warnings(&[(notch, &long)]);

@@ -54,8 +54,8 @@ impl Follow {
         out
     }
 
-    /// Utilisations of bonds of the zone, near to elements that these can bring along, in their own state; and
-    /// of bonds that sleep in elements marked in `loud`, in the body's field. Each with its bonds.
+    /// Utilisations of bonds of the zone, near to elements that these can bring along, in their own state;
+    /// and of bonds that sleep in elements marked in `loud`, in the body's field. Each list has its bonds.
     fn utilisations(
         &self,
         run: &Coupled<f64>,
