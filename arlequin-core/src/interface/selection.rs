@@ -42,8 +42,8 @@ pub(super) fn select<T: Real>(scaled: &CsMat<T>, limit: T) -> Option<Selection<T
             known.iter().for_each(|(i, v)| column[*i as usize] -= factor * *v);
             work += known.len();
         }
-        // Never ended by Ctrl-C: a change of weights would then solve in another way, and the run that goes on
-        // from its checkpoint would have other last digits.
+        // Never ended by Ctrl-C: a change of weights would then solve in another way, and the run that goes
+        // on from its checkpoint would have other last digits.
         if work > MOST_WORK {
             return None;
         }
