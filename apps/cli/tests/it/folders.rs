@@ -1,7 +1,7 @@
 //! Folders that `--force` replaces, and folders that no flag replaces.
 #![cfg(unix)]
 
-use crate::common::{SMALL, arlequin, command, scratch, succeed, summary, text, wait_for};
+use crate::common::{SMALL, arlequin, changed, command, scratch, succeed, summary, text, wait_for, written};
 use std::collections::BTreeMap;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
@@ -324,4 +324,30 @@ fn sweeps_and_verify_write_into_folders_of_their_own_only() {
         "mark",
     );
     assert!(tree(&root) == before && scene.exists());
+}
+
+/// Every table that a run writes is in the list of its folder: `--force` replaces it.
+#[test]
+fn results_of_a_zone_that_follows_are_replaced() {
+    let shipped = std::fs::read_to_string(crate::common::scene("following.toml")).expect("a shipped scene");
+    let changes = [
+        ("spacing = 0.5e-3", "spacing = 0.7e-3"),
+        ("end = 70e-6", "end = 13e-6"),
+        ("amplitude = 4e-6", "amplitude = 6e-6"),
+    ];
+    let scene = written("follow-again", &changed(&shipped, &changes));
+    let out = scene.with_file_name("out");
+    succeed(&["run", text(&scene), "--out", text(&out)]);
+    assert!(out.join("zones.csv").is_file(), "the zone did not move");
+    let again = [
+        "run",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--force",
+        "--set",
+        "time.end=1e-7",
+    ];
+    succeed(&again);
+    assert!(!out.join("zones.csv").exists());
 }

@@ -48,7 +48,7 @@ fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
 }
 
 /// Files of a run at the top level.
-const FILES: [&str; 10] = [
+const FILES: [&str; 11] = [
     NAME,
     "probes.csv",
     "energy.csv",
@@ -56,6 +56,7 @@ const FILES: [&str; 10] = [
     "breaks.csv",
     "fragments.csv",
     "static.csv",
+    "zones.csv",
     "summary.json",
     CHECKPOINT,
     "checkpoint.bin.tmp",
