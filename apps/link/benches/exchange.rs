@@ -1,4 +1,4 @@
-//! What an exchange over a link costs, beside 50 µs + bytes/2.5 GB/s: a step (velocities, displacements and
+//! The cost of an exchange over a link, beside 50 µs + bytes/2.5 GB/s: a step (velocities, displacements and
 //! invariant come back) and an impulse, with a solver that does nothing in another thread.
 //!
 //! `cargo bench -p arlequin-link`; the shortest of many, as others may load the machine.

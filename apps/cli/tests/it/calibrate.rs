@@ -236,7 +236,7 @@ fn a_bar_without_a_uniform_modulus_has_a_strength() {
     assert!((3.0..6.0).contains(&number(&report, "/strength/rows/0/ratio/mean")));
 }
 
-/// What a scene alone tells is refused before anything is packed: a million spheres would take minutes.
+/// Mistakes of a scene are refused before anything is packed: a million spheres would take minutes.
 #[test]
 fn a_scene_that_cannot_be_tested_is_refused_at_once() {
     let folder = scratch("calibrate-refused");

@@ -1,4 +1,4 @@
-//! What can be refused is refused before anything is packed; and what lies in a zone is found there.
+//! Mistakes are refused before anything is packed, and probes that lie in a zone read it.
 
 use arlequin_scene::{Error, Scene, Source};
 use std::cell::Cell;
@@ -383,7 +383,7 @@ fn numbers_are_short_and_files_that_are_no_text_are_named_by_line_and_byte() {
     );
 }
 
-/// Nothing that is shipped is refused by these checks.
+/// These checks refuse no shipped scene.
 #[test]
 fn the_tables_of_shipped_scenes_are_taken() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/scenes");

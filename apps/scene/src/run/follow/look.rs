@@ -1,4 +1,4 @@
-//! What a look at the bonds finds: the elements that the zone should have.
+//! A look at the bonds, which finds the elements that the zone should have.
 
 use super::Follow;
 use crate::error::{Result, core};

@@ -1,5 +1,5 @@
-//! What looks need of a body and its spheres, made ready once: the elements of spheres and bonds, and the
-//! loads of bonds in unit strains.
+//! Tables that a look reads, filled once: the elements of spheres and bonds, and the loads of bonds in unit
+//! strains.
 
 use crate::error::{Error, Result, key};
 use crate::run::quiet::{PLACES, Strain};
