@@ -35,6 +35,9 @@ pub(crate) struct DocumentArguments {
     /// Page to write; pictures go to images/ beside it
     #[arg(long, value_name = "FILE.md")]
     out: PathBuf,
+    /// Date and machine of the measurements, for the page ("1 May 2027, two cores of ...")
+    #[arg(long, value_name = "TEXT")]
+    measured: Option<String>,
     /// Sweep files, each followed by its output folder
     #[arg(value_name = "SWEEP.toml DIR", required = true)]
     pairs: Vec<PathBuf>,
@@ -101,6 +104,12 @@ pub(crate) fn document(a: &DocumentArguments) -> Result<ExitCode, Located> {
     let images = a.out.parent().unwrap_or_else(|| Path::new(".")).join("images");
     std::fs::create_dir_all(&images).map_err(write(&images))?;
     let mut text = report::sweep_docs::HEAD.to_owned();
+    if let Some(when) = &a.measured {
+        text += &format!(
+            "\nMeasured: {when}, with version {}.\n",
+            env!("CARGO_PKG_VERSION")
+        );
+    }
     for pair in a.pairs.chunks_exact(2) {
         let source = Source::read(&pair[0])?;
         let reopen = || {

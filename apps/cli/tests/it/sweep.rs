@@ -332,10 +332,16 @@ fn scalars_and_predictions_stand_beside_errors() {
         "sweep-docs",
         "--out",
         text(&docs),
+        "--measured",
+        "1 May 2027, one core",
         text(&path.join("sweep.toml")),
         text(&out),
     ]);
     let docs = std::fs::read_to_string(docs).unwrap();
+    assert!(
+        docs.contains("\nMeasured: 1 May 2027, one core, with version "),
+        "{docs}"
+    );
     assert!(docs.contains("| time | bonds | peak [mm] |"), "{docs}");
     assert!(
         docs.contains("Predicted over measured: displacement error"),
