@@ -84,8 +84,8 @@ pub(crate) struct Follow {
 }
 
 impl Follow {
-    /// Prepares the watch of a run's zone, if it has one that follows.
-    pub(super) fn new(built: &Built) -> Result<Option<Self>> {
+    /// Prepares the watch of a run's zone, if it has one that follows, and warns of probes whose model sleeps.
+    pub(super) fn new(built: &mut Built) -> Result<Option<Self>> {
         let Some(moving) = built.moving.clone() else {
             return Ok(None);
         };
@@ -148,6 +148,8 @@ impl Follow {
             first,
         };
         out.rim = out.rim();
+        let asleep = out.probes_asleep(built.run.time())?;
+        built.warnings.extend(asleep);
         Ok(Some(out))
     }
 

@@ -92,10 +92,7 @@ impl<'a> Session<'a> {
         let settings = &scene.spec().output;
         let ranks = scene.ranks();
         let in_parts = |s: &Subdomain<f64>| s.owned().is_part();
-        let mut follow = Follow::new(&built)?;
-        if let Some(follow) = &mut follow {
-            built.warnings.extend(follow.probes_asleep(built.run.time())?);
-        }
+        let follow = Follow::new(&mut built)?;
         let pieces = settings.pieces && built.run.subdomains().iter().any(in_parts);
         let pictures = Pictures {
             models: match pieces && keep.is_some() {

@@ -155,17 +155,11 @@ pub(crate) fn build_from(
         pairs,
     };
     let mut run = coupled(scene, parts, &mut clock)?;
-    if load_steps.is_some() {
-        run.check_rest().map_err(core("static"))?;
-    }
+    let steps = step_count(scene, load_steps.as_ref(), begin, &mut run)?;
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
         line.add_imbalance(s);
     }
     warnings.extend(warnings_when_coupled(scene, &forces, &run));
-    let steps = match &load_steps {
-        Some(s) => s.times.len(),
-        None => time::steps(scene, begin, run.dt())?,
-    };
     let mut built = Built {
         load_steps,
         models,
@@ -189,6 +183,22 @@ pub(crate) fn build_from(
     built.warnings.extend(odd);
     built.phases = clock.finish();
     Ok(built)
+}
+
+/// Number of steps of a run. Refuses bodies of a scene at rest that are free to move.
+fn step_count(
+    scene: &LoweredScene,
+    load_steps: Option<&LoadSteps>,
+    begin: f64,
+    run: &mut Coupled<f64>,
+) -> Result<usize> {
+    match load_steps {
+        Some(s) => {
+            run.check_rest().map_err(core("static"))?;
+            Ok(s.times.len())
+        }
+        None => time::steps(scene, begin, run.dt()),
+    }
 }
 
 /// Builds the models of a scene and its interfaces, uncoupled, without supports, loads and initial states.
