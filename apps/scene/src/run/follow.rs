@@ -84,7 +84,7 @@ pub(crate) struct Follow {
 }
 
 impl Follow {
-    /// Prepares the watch of a run's zone, if it has one that follows, and warns of probes whose model sleeps.
+    /// Prepares the watch of a zone that follows, if the run has one, and warns of probes whose model sleeps.
     pub(super) fn new(built: &mut Built) -> Result<Option<Self>> {
         let Some(moving) = built.moving.clone() else {
             return Ok(None);
