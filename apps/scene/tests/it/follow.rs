@@ -346,6 +346,21 @@ fn probes_whose_model_sleeps_are_named() {
     assert!(asleep.all(|(_, u)| u.abs() < f64::MIN_POSITIVE), "{late:?}");
 }
 
+/// A run so short that its zone does not move names them too.
+#[test]
+fn probes_that_sleep_from_the_start_are_named() {
+    let probe = "[probe.late]\nmodel = \"crack\"\nat = [30e-3, 12e-3, 1e-3]\nquantity = \"displacement\"\n\
+                 component = \"y\"\n\n[probe.load]";
+    let results = run(&scene(&[
+        COARSE[0],
+        ("end = 70e-6", "end = 1e-8"),
+        ("[probe.load]", probe),
+    ]));
+    let warnings = &results.summary().warnings;
+    let named = warnings.iter().filter(|w| w.contains("probe 'late'"));
+    assert_eq!(named.count(), 1, "{warnings:?}");
+}
+
 /// Elements have no notch: where a notch leaves the zone, they close it.
 #[test]
 fn a_notch_that_reaches_beyond_its_zone_is_named() {
@@ -424,6 +439,19 @@ fn a_zone_that_follows_stays_off_supports_and_loads() {
             "{message}"
         );
     }
+    // Where a support and the border are both near, the border is named: beyond it nothing can break.
+    let near_both = text
+        .replace(
+            "follow = true",
+            "follow.within.box = { low = [-1e-3, 4e-3, -1e-3], high = [42e-3, 17e-3, 3e-3] }",
+        )
+        .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 1e-3, -1e-3]");
+    let checked = Scene::from_text(&near_both).and_then(|s| s.prepare().map(|_| ()));
+    let message = checked.expect_err("outside").to_string();
+    assert!(
+        message.contains("zone.crack.follow.within") && message.contains("must lie inside"),
+        "{message}"
+    );
     // As far as it may go.
     let widest = text
         .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 4e-3, -1e-3]")

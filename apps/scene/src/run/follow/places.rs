@@ -124,3 +124,38 @@ pub(super) fn neighbours(moving: &Moving) -> Result<Vec<Vec<u32>>> {
     };
     Ok((0..mesh.element_count()).map(of_element).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arlequin::fem_ref::{ElementKind, generate};
+
+    #[test]
+    fn lists_have_each_number_once_in_its_group() {
+        let lists = Lists::new(&[2, 0, 2, 3, 0, 2], 5);
+        let rows: Vec<&[u32]> = (0..5).map(|g| lists.row(g)).collect();
+        assert_eq!(rows, [&[1, 4][..], &[], &[0, 2, 5], &[3], &[]]);
+    }
+
+    #[test]
+    fn a_sphere_outside_reads_the_field_at_the_nearest_tenth_of_its_way_that_is_inside() {
+        let mesh = generate::block(
+            ElementKind::Hex8,
+            Point3::origin(),
+            Point3::new(2.0, 1.0, 1.0),
+            [2, 1, 1],
+        );
+        let field = FemField::new(mesh.expect("a block"));
+        let centre = Point3::new(1.5, 0.5, 0.5);
+        for (x, tenths) in [(1.9, 0), (2.04, 1), (2.3, 4)] {
+            let x = Point3::new(x, 0.5, 0.5);
+            let place = Place::new(&field, &x, &centre).expect("a place");
+            assert_eq!((place.element, place.tenths), (1, tenths), "{x}");
+            let way = place.way(&x, &centre).x;
+            assert!(
+                (way - 0.1 * f64::from(tenths) * (x.x - 1.5)).abs() < 1e-12,
+                "{way}"
+            );
+        }
+    }
+}

@@ -466,4 +466,23 @@ mod tests {
         }
         assert!(filled > 20, "elements joined in {filled} cases");
     }
+
+    #[test]
+    fn elements_that_touch_at_an_edge_alone_part() {
+        use arlequin::fem_ref::{ElementKind, generate};
+        let mesh = generate::block(
+            ElementKind::Hex8,
+            Point3::origin(),
+            Point3::new(2.0, 2.0, 1.0),
+            [2, 2, 1],
+        );
+        let mesh = mesh.expect("a block");
+        let diagonal = [true, false, false, true];
+        let mut keep = diagonal;
+        assert!(part_at_edges(&mesh, &mut keep, |e| e == 0));
+        assert_eq!(keep, [false, false, false, true]);
+        assert!(!part_at_edges(&mesh, &mut keep, |_| true));
+        let mut keep = diagonal;
+        assert!(!part_at_edges(&mesh, &mut keep, |_| false) && keep == diagonal);
+    }
 }
