@@ -191,9 +191,9 @@ impl<'a> Deal<'a> {
             width,
             sides: core.iter().map(side).collect(),
         };
-        // Elements between elements of the core join it before distances are taken: the overlap of a division
-        // is then the same when its own core is given again, as a checkpoint does.
-        while deal.fill(Side::Layer, Side::Core) {}
+        // Before distances are taken: a checkpoint gives the elements of the core that result from this, and
+        // their overlap must be the same. Once is enough, since these elements bring no nodes.
+        deal.fill(Side::Layer, Side::Core);
         let border = deal.between(Side::Core);
         let [low, high] = border.bounds();
         // Most of the body is farther away than the width, and how far does not matter.
