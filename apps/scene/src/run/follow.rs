@@ -24,10 +24,11 @@ use crate::error::{Result, core, key};
 use crate::output::summary::Conversion;
 use crate::setup::{BODY, Bar, Built, Grid, Moving, Share};
 use arlequin::core::Coupled;
+use arlequin::core::adjacency::Adjacency;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
 use look::AHEAD;
-use places::{Lists, Place, homes, in_unit_strains, neighbours};
+use places::{Place, homes, in_unit_strains, neighbours};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -64,7 +65,7 @@ pub(crate) struct Follow {
     /// Element of each sphere, and that of the middle of each bond.
     homes: [Vec<u32>; 2],
     /// Bonds in each element.
-    bonds_in: Lists,
+    bonds_in: Adjacency,
     /// Where the body's field is read for each sphere.
     places: Vec<Place>,
     /// Centres of the elements \[m\].
@@ -119,7 +120,7 @@ impl Follow {
         let of_elements = in_unit_strains((bonds, &of_bonds), nodes, &moving, centres.len());
         let first: Vec<bool> = shares.iter().map(|s| *s == Share::Zone).collect();
         let quiet = Quiet::new(field, &centres, of_elements)?;
-        let bonds_in = Lists::new(&of_bonds, centres.len());
+        let bonds_in = Adjacency::of_slots(centres.len(), &of_bonds);
         let mut out = Self {
             rim: Vec::new(),
             state: Followed {
@@ -154,7 +155,7 @@ impl Follow {
     }
 
     /// Returns a warning for each probe whose model sleeps at its place, the first time that it does.
-    pub(super) fn probes_asleep(&mut self, time: f64) -> Result<Vec<String>> {
+    fn probes_asleep(&mut self, time: f64) -> Result<Vec<String>> {
         let (zone, mut out) = (&self.moving.name, Vec::new());
         for (name, model) in self.moving.probes_asleep()? {
             if self.state.asleep.iter().any(|s| s == name) {

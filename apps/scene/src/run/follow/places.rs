@@ -34,33 +34,6 @@ impl Place {
     }
 }
 
-/// Lists of numbers, one after the other.
-#[derive(Debug)]
-pub(super) struct Lists {
-    starts: Vec<usize>,
-    numbers: Vec<u32>,
-}
-
-impl Lists {
-    /// Lists for each of `count` groups the places at which its number stands in `groups`, ascending.
-    pub(super) fn new(groups: &[u32], count: usize) -> Self {
-        let mut starts = vec![0; count + 1];
-        groups.iter().for_each(|g| starts[*g as usize + 1] += 1);
-        (0..count).for_each(|g| starts[g + 1] += starts[g]);
-        let (mut ends, mut numbers) = (starts.clone(), vec![0; groups.len()]);
-        for (k, g) in (0..).zip(groups) {
-            let end = &mut ends[*g as usize];
-            numbers[*end] = k;
-            *end += 1;
-        }
-        Self { starts, numbers }
-    }
-
-    pub(super) fn row(&self, group: usize) -> &[u32] {
-        &self.numbers[self.starts[group]..self.starts[group + 1]]
-    }
-}
-
 /// Largest utilisations of the bonds of each element in unit strains of either sign \[–\].
 pub(super) fn in_unit_strains(
     (bonds, of_bonds): (&dyn Breakable<f64>, &[u32]),
@@ -129,13 +102,6 @@ pub(super) fn neighbours(moving: &Moving) -> Result<Vec<Vec<u32>>> {
 mod tests {
     use super::*;
     use arlequin::fem_ref::{ElementKind, generate};
-
-    #[test]
-    fn lists_have_each_number_once_in_its_group() {
-        let lists = Lists::new(&[2, 0, 2, 3, 0, 2], 5);
-        let rows: Vec<&[u32]> = (0..5).map(|g| lists.row(g)).collect();
-        assert_eq!(rows, [&[1, 4][..], &[], &[0, 2, 5], &[3], &[]]);
-    }
 
     #[test]
     fn a_sphere_outside_reads_the_field_at_the_nearest_tenth_of_its_way_that_is_inside() {

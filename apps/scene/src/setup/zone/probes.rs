@@ -74,7 +74,7 @@ impl Piece {
         })
     }
 
-    /// Returns whether a probe of spheres reads some where the body's own model is alone.
+    /// Returns whether a probe of the zone reads spheres in elements that the body has alone.
     pub(super) fn is_beyond(&self, probe: &Probe, folder: &Path) -> Result<bool> {
         let division = self.cut.division(folder)?;
         let of_body = |e: usize| division.owners[e] == Owner::Body;
