@@ -116,7 +116,7 @@ pub use junction::{
 };
 pub use ledger::{DisplacementJump, EnergySample, WorkLine};
 pub use material::{Elastic, Materials};
-pub use mediator::Mediator;
+pub use mediator::{Mediator, NoMediator};
 pub use model::{
     Boundary, Breakable, CoarseModel, DofLayout, Drawn, Evolution, Evolving, Facts, FineModel, KeptMeans,
     LinearModel, Model, State, StepBound, Stepping, Stride, Views, Watching, check_size,

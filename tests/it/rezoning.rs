@@ -6,7 +6,7 @@ use arlequin::core::{
     Coupled, Error, Guard, OwnStep, PrescribedMotion, Profile, Rezoning, Silent, Subdomain, TimeFunction,
     TimeStep, Weights,
 };
-use arlequin_studies::moving::{Account, BAR, CHAIN, H, Moving};
+use arlequin_studies::moving::{Account, BAR, CHAIN, H, Moving, NOWHERE};
 
 /// Prints what a test measures, for the table in the docs.
 #[allow(clippy::print_stdout, reason = "shown with --nocapture")]
@@ -260,6 +260,73 @@ fn a_snapshot_after_a_change_is_restored_only_beside_its_weights() {
         matches!(&refused, Err(Error::InvalidParameter { name, .. }) if name.contains("changes of weights")),
         "{refused:?}"
     );
+}
+
+/// Begins without a zone, which comes when the pulse is in the bar and leaves again.
+#[test]
+fn a_zone_that_begins_empty_comes_and_goes() {
+    for (own, absorber) in [(1, 0.0), (4, 0.0), (1, 0.2)] {
+        let line = Moving {
+            zone: NOWHERE,
+            own,
+            absorber,
+            ..Moving::default()
+        };
+        // Long waves, so that bar and chain carry the same.
+        let pulse = Moving {
+            zone: [440.0, 560.0],
+            ..line.clone()
+        }
+        .pulse(40.0 * H);
+        let mut run = line.build(&pulse).unwrap();
+        let mut alone = line.build(&pulse).unwrap();
+        let awake = |run: &Coupled<f64>| {
+            let chain = &run.subdomains()[CHAIN];
+            (0..chain.state().q.len()).any(|k| !chain.is_asleep(k))
+        };
+        run.run(40 / own, &mut Silent).unwrap();
+        assert!(!awake(&run) && run.interfaces()[0].report().multipliers == 0);
+        let mut account = Account::default();
+        for (zone, steps) in [([500.0, 660.0], 80), (NOWHERE, 80), ([400.0, 840.0], 80)] {
+            let change = line.rezone(&mut run, zone).unwrap();
+            account.add(&run, &change);
+            assert_eq!(awake(&run), zone != NOWHERE);
+            run.run(steps / own, &mut Silent).unwrap();
+        }
+        report(
+            &format!("begins empty, m = {own}, absorber {absorber}"),
+            &account,
+            &run,
+        );
+        // Interpolation between elements and means over them take (k h)²/6 of a wave's kinetic energy.
+        assert!(account.moduli < 0.02 && account.gains < 1e-4, "{account:?}");
+        assert!(
+            run.drift() < 1e-11 && lost_momentum(&run) < 1e-12,
+            "{:e}",
+            run.drift()
+        );
+        alone.run(280 / own, &mut Silent).unwrap();
+        let bar = |run: &Coupled<f64>| run.subdomains()[BAR].state().q.clone();
+        let most = |q: &[f64]| q.iter().fold(0.0, |m: f64, q| m.max(q.abs()));
+        let apart: Vec<f64> = (bar(&run).iter().zip(bar(&alone)).enumerate())
+            .filter(|(k, _)| !run.subdomains()[BAR].is_asleep(*k))
+            .map(|(_, (a, b))| a - b)
+            .collect();
+        assert!(most(&apart) < 0.05 * most(&bar(&alone)), "{:e}", most(&apart));
+    }
+    // Two models that are both awake must be tied.
+    let zone = [240.0, 360.0];
+    let line = Moving {
+        zone,
+        ..Moving::default()
+    };
+    let mut run = line.build(&line.pulse(60.0)).unwrap();
+    let [coarse, fine] = Moving::weights(zone).unwrap();
+    let untied = Rezoning::new(Moving::interfaces(NOWHERE).unwrap())
+        .with_weights(BAR, coarse)
+        .with_weights(CHAIN, fine);
+    let text = run.rezone(untied).unwrap_err().to_string();
+    assert!(text.contains("overlap"), "{text}");
 }
 
 #[test]

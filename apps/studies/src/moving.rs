@@ -6,8 +6,8 @@ use crate::noise;
 use arlequin::core::effect::{Absorber, EffectSpec};
 use arlequin::core::nalgebra::Point3;
 use arlequin::core::{
-    Coupled, Guard, InterfaceSpec, L2, OwnStep, Profile, Ramp, Result, Rezoned, Rezoning, Silent, Slab,
-    Subdomain, TimeStep, Weights,
+    Coupled, Guard, InterfaceSpec, L2, Mediator, NoMediator, OwnStep, Profile, Ramp, Result, Rezoned,
+    Rezoning, Silent, Slab, Subdomain, TimeStep, Weights,
 };
 use arlequin::fem_ref::{Elastic, FemField, FemModel, generate};
 use spring_chain::Chain;
@@ -17,6 +17,8 @@ use std::sync::Arc;
 pub const H: f64 = 10.0;
 /// Length of a ramp.
 pub const RAMP: f64 = 4.0 * H;
+/// Zone without a place: the chain sleeps everywhere.
+pub const NOWHERE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 /// Index of the bar.
 pub const BAR: usize = 0;
 /// Index of the chain.
@@ -100,6 +102,10 @@ impl Moving {
     /// # Errors
     /// Errors of the core.
     pub fn profiled(zone: [f64; 2], profile: &Profile<f64>) -> Result<[Weights<f64>; 2]> {
+        if zone == NOWHERE {
+            let bar = Weights::uncoupled();
+            return Ok([bar.clone(), Weights::complement_of(&[bar])]);
+        }
         let mut ramps = Vec::new();
         for [fine, coarse] in Self::ends(zone) {
             let slab = Arc::new(Slab::between(point(fine), point(coarse))?);
@@ -113,8 +119,11 @@ impl Moving {
         Ok([Weights::complement_of(std::slice::from_ref(&chain)), chain])
     }
 
-    fn mediators(zone: [f64; 2]) -> Result<Vec<Arc<FemField<f64>>>> {
-        let mediator = |[fine, coarse]: [f64; 2]| {
+    fn mediators(zone: [f64; 2]) -> Result<Vec<Arc<dyn Mediator<f64>>>> {
+        let mediator = |[fine, coarse]: [f64; 2]| -> Result<Arc<dyn Mediator<f64>>> {
+            if zone == NOWHERE {
+                return Ok(Arc::new(NoMediator));
+            }
             let mesh = generate::bar(fine.min(coarse), fine.max(coarse), (RAMP / H) as usize, 1.0)?;
             Ok(Arc::new(FemField::new(mesh)))
         };

@@ -193,7 +193,8 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
                 Err(e) => return Err(e),
             }
         }
-        if shapes.is_empty() {
+        // A zone that sleeps has no mediator, and nothing to damp.
+        if shapes.is_empty() && !self.resolved.nodes().is_empty() {
             return Err(invalid(
                 "absorber",
                 host.model.name(),

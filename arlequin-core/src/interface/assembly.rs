@@ -55,6 +55,11 @@ pub(super) fn assemble<T: Real>(
     sides: &[Side<'_, T>; 2],
     components: usize,
 ) -> Result<Built<T>> {
+    let sleeps = |s: &Side<'_, T>| s.sleeping.is_some_and(|m| m.iter().all(|m| *m <= T::zero()));
+    // Without a sleeping model, an overlap without mediator is a mistake, and has its error below.
+    if spec.mediator.nodes().is_empty() && sides.iter().any(sleeps) {
+        return Ok(untied(spec, sides, components));
+    }
     let cells = spec.mediator.cells();
     let total: T = cells.iter().map(Cell::measure).sum();
     if !total.is_finite() || total <= T::zero() {
@@ -105,6 +110,22 @@ pub(super) fn assemble<T: Real>(
         pin(spec, sides, &mut built.coupling, components)?;
     }
     Ok(built)
+}
+
+/// Coupling without multipliers.
+fn untied<T: Real>(spec: &InterfaceSpec<T>, sides: &[Side<'_, T>; 2], components: usize) -> Built<T> {
+    let shared = spec.shared(components);
+    let none = |side: &Side<'_, T>| Coupling {
+        matrix: CsMat::zero((0, side.layout.nodes * components / shared)),
+        shared,
+    };
+    Built {
+        coupling: sides.each_ref().map(none),
+        measure: T::zero(),
+        momentum_defect: T::zero(),
+        degree: None,
+        warnings: Vec::new(),
+    }
 }
 
 /// Sums over the particles of the side that has some, the fine one first. Returns the coupling and the

@@ -349,7 +349,8 @@ impl<T: Real> Interface<T> {
         // Joint interfaces share one factor: only the first of them counts it.
         if multipliers.start == 0 {
             report.nonzeros += operator.nonzeros();
-            self.work = (operator.solver != "lumped").then_some(operator.work);
+            let solves = report.multipliers > 0 && operator.solver != "lumped";
+            self.work = solves.then_some(operator.work);
         }
         report.together = together;
         let dependence = advice::rank_warnings(report, operator.ranked);

@@ -100,6 +100,9 @@ impl<T: Real> Operator<T> {
         components: usize,
     ) -> Result<Self> {
         let (shared, rows) = (coupling[0].shared, coupling[0].matrix.rows());
+        if rows == 0 {
+            return Ok(Self::empty(shared));
+        }
         // Both directions of `B`, for each side.
         let passes = 2 * coupling.iter().map(|c| c.matrix.nnz()).sum::<usize>();
         let Analysis {
@@ -156,6 +159,24 @@ impl<T: Real> Operator<T> {
             ranked,
             work,
         })
+    }
+
+    /// Operator without multipliers.
+    fn empty(shared: usize) -> Self {
+        Self {
+            blocks: Blocks {
+                all: Vec::new(),
+                columns: Vec::new(),
+                shared,
+            },
+            iterated: None,
+            solver: "none",
+            condition: T::one(),
+            at_least: false,
+            null_modes: Vec::new(),
+            ranked: true,
+            work: Work::default(),
+        }
     }
 
     /// Restricts the solver to the multipliers that this rank owns and returns true. Returns false, and
