@@ -228,7 +228,11 @@ fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
         let rule = "the space between a zone and the body is made of the body's elements; remove spacing";
         return Err(key(format!("{path}.absorber.spacing"), rule));
     }
-    check_region(&format!("{path}.shape"), &zone.shape)
+    match (&zone.shape, &zone.follow.0) {
+        (Some(shape), _) => check_region(&format!("{path}.shape"), shape),
+        (None, Some(_)) => Ok(()),
+        (None, None) => Err(key(path, "missing field `shape`")),
+    }
 }
 
 fn model(zone: &ZoneTable, body: &LoweredModel, piece: Piece) -> LoweredModel {

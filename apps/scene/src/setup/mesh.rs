@@ -32,6 +32,15 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// Output mesh without cells.
+    pub(crate) fn empty() -> Self {
+        Self {
+            corners: 4,
+            cell_type: 10,
+            ..Self::default()
+        }
+    }
+
     /// Output mesh of a finite element mesh.
     pub fn of_mesh(mesh: &Mesh<f64>) -> Self {
         Self {

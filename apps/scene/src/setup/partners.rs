@@ -10,7 +10,7 @@ use crate::setup::{BodyShape, LoweredInterface};
 use crate::spec::Absorber as AbsorberTable;
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Mediator, Overlap, Place};
+use arlequin::core::{Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Mediator, NoMediator, Overlap, Place};
 use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;
@@ -69,16 +69,22 @@ impl Partners {
         let path = format!("interface.{name}");
         let mediator_path = format!("{path}.mediator");
         let request = mediator(&mediator_path, table, shape, self.spacing, folder);
-        let mesh = request.mesh()?;
-        let grid = Grid::of_mesh(&mesh);
-        let mediator = Arc::new(FemField::new(mesh));
-        let nodes = Some(mediator.nodes());
+        let (mediator, grid): (Arc<dyn Mediator<f64>>, Grid) = match shape {
+            BodyShape::Piece(piece) if piece.is_empty(folder)? => (Arc::new(NoMediator), Grid::empty()),
+            _ => {
+                let mesh = request.mesh()?;
+                let grid = Grid::of_mesh(&mesh);
+                (Arc::new(FemField::new(mesh)), grid)
+            }
+        };
+        let nodes = Some(mediator.nodes()).filter(|nodes| !nodes.is_empty());
         let weights = weights(&path, &table.weight, overlap, nodes, self.brittle)?;
         let absorber = match &self.absorber {
             Some((a, rate)) => Some(absorber(&path, (a, *rate), request, &mediator, overlap)?),
             None => None,
         };
-        let junction = junction(&path, table, mediator.spacing())?;
+        let spacing = nodes.map_or(self.spacing, |_| mediator.spacing());
+        let junction = junction(&path, table, spacing)?;
         Ok(BuiltInterface {
             spec: InterfaceSpec {
                 name: name.to_owned(),
@@ -113,7 +119,7 @@ fn absorber(
     path: &str,
     (table, rate): (&AbsorberTable, f64),
     mediator_request: Request<'_>,
-    mediator: &Arc<FemField<f64>>,
+    mediator: &Arc<dyn Mediator<f64>>,
     overlap: &Arc<dyn Overlap<f64>>,
 ) -> Result<Absorber<f64>> {
     let path = format!("{path}.absorber");

@@ -14,14 +14,15 @@ use std::path::PathBuf;
 /// part. The model and the interface have the name of the zone.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(extend("anyOf" = [{ "required": ["shape"] }, { "required": ["follow"] }]))]
 #[non_exhaustive]
 pub struct ZoneTable {
     /// Kind of the model: `fem`, `cnem` or `dem`.
     #[schemars(extend("enum" = ["fem", "cnem", "dem"]))]
     pub kind: ModelKind,
     /// Region of the fine model: it replaces the elements of the body that lie in the region, wholly or in
-    /// part.
-    pub shape: ZoneShape,
+    /// part. A zone that follows may begin without one: all spheres then sleep at first.
+    pub shape: Option<ZoneShape>,
     /// Length of one unit of the files in `shape` \[m\]. Default: `scale` of the body.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub scale: Option<f64>,

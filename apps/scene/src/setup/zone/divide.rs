@@ -39,7 +39,8 @@ pub(super) enum Owner {
 pub(super) struct Across {
     /// Positions across the overlap at the nodes of the body \[–\]; zero outside.
     pub positions: Arc<Vec<f64>>,
-    pub width: Width,
+    /// `None` for a zone without elements.
+    pub width: Option<Width>,
 }
 
 /// A body with the owner of each element.
@@ -58,8 +59,10 @@ impl Division {
         let mut owners = vec![Owner::Body; mesh.element_count()];
         let mut zones = Vec::new();
         for zone in 0..cut.zones.len() {
-            let region = Place::new(cut, zone, &mesh, folder)?;
-            let deal = Deal::new(&mesh, &region, cut, zone)?;
+            let deal = match Place::new(cut, zone, &mesh, folder)? {
+                Some(region) => Deal::new(&mesh, &region, cut, zone)?,
+                None => Deal::around(&mesh, &vec![false; mesh.element_count()], cut, zone)?,
+            };
             let across = deal.across()?;
             for (e, side) in deal.sides.iter().enumerate() {
                 let owner = match side {
@@ -301,6 +304,13 @@ impl<'a> Deal<'a> {
     /// Positions across the overlap at the nodes, and its width.
     fn across(&self) -> Result<Across> {
         let mesh = self.mesh;
+        let mut positions = vec![0.0; mesh.nodes().len()];
+        if self.sides.iter().all(|s| *s == Side::Beyond) {
+            return Ok(Across {
+                positions: Arc::new(positions),
+                width: None,
+            });
+        }
         let of_layer = self.nodes_of(Side::Layer);
         let [inner, outer] = [Side::Core, Side::Beyond].map(|s| self.between(s));
         // The position needs the distances from both borders.
@@ -309,7 +319,6 @@ impl<'a> Deal<'a> {
             return Err(value(self.path("overlap.width"), self.width, rule));
         }
         let (of_core, of_beyond) = (self.nodes_of(Side::Core), self.nodes_of(Side::Beyond));
-        let mut positions = vec![0.0; mesh.nodes().len()];
         let (mut sum, mut count, mut least) = (0.0, 0.0, f64::INFINITY);
         for (k, x) in mesh.nodes().iter().enumerate().filter(|(k, _)| of_layer[*k]) {
             positions[k] = if of_core[k] {
@@ -326,11 +335,11 @@ impl<'a> Deal<'a> {
         let layer = mesh.part(|e| self.sides[e] == Side::Layer).map_err(fem("body"))?;
         Ok(Across {
             positions: Arc::new(positions),
-            width: Width {
+            width: Some(Width {
                 mean: sum / count,
                 least,
                 spacing: layer.spacing(),
-            },
+            }),
         })
     }
 

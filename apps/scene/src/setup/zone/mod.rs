@@ -220,6 +220,7 @@ impl Piece {
             }
             Use::Between(_) => match request.spacing {
                 None => Ok(()),
+                Some(_) if self.is_empty(request.folder)? => Ok(()),
                 Some(wanted) => {
                     let mesh = self.elements(self.cut.division(request.folder)?)?;
                     halvings(&mesh, wanted, 0.0, &format!("{}.spacing", request.key)).map(|_| ())
@@ -355,10 +356,16 @@ impl Piece {
         Ok(Arc::new(place::Layer::new(division, zone)))
     }
 
-    /// Width of the overlap; `None` before the body is divided.
+    /// Width of the overlap; `None` before the body is divided, and for a zone without elements.
     pub(crate) fn width(&self) -> Option<Width> {
         let division = self.cut.division.get()?;
-        Some(division.zones[self.number()].width)
+        division.zones[self.number()].width
+    }
+
+    /// Returns whether no element of the body belongs to the piece: the zone is empty.
+    pub(super) fn is_empty(&self, folder: &Path) -> Result<bool> {
+        let division = self.cut.division(folder)?;
+        Ok(!(0..division.owners.len()).any(|e| self.keeps(division, e)))
     }
 
     fn number(&self) -> usize {

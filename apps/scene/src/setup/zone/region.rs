@@ -25,11 +25,12 @@ pub(super) enum Place {
 }
 
 impl Place {
-    /// Builds the region of a zone.
-    pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Self> {
+    /// Builds the region of a zone; `None` if it begins empty.
+    pub(super) fn new(cut: &Cut, zone: usize, mesh: &Mesh<f64>, folder: &Path) -> Result<Option<Self>> {
         let Zone { name, table, .. } = &cut.zones[zone];
         let scale = table.scale.unwrap_or(cut.body.scale);
-        Self::from_shape((&format!("zone.{name}.shape"), &table.shape), scale, mesh, folder)
+        let place = |shape| Self::from_shape((&format!("zone.{name}.shape"), shape), scale, mesh, folder);
+        table.shape.as_ref().map(place).transpose()
     }
 
     /// Builds the region of a shape with its key in the scene; a unit of its files is `scale` \[m\].
