@@ -182,7 +182,6 @@ impl Watch {
     fn conclude(self, done: arlequin_scene::Results) -> Result<(Results, Option<PyErr>), Fault> {
         let results = Results {
             recorded: done.recorded,
-            asleep: done.asleep,
             end: done.end,
             folder: done.folder,
             kept: self.kept,
@@ -226,7 +225,6 @@ impl Observer for Watch {
 #[pyclass(frozen, module = "arlequin._native")]
 pub(crate) struct Results {
     recorded: Recorded,
-    asleep: Option<Recorded>,
     end: End,
     folder: Option<PathBuf>,
     kept: Option<KeptFrames>,
@@ -242,12 +240,6 @@ fn columns<'py>(py: Python<'py>, table: &Table) -> PyResult<Bound<'py, PyDict>> 
     Ok(out)
 }
 
-impl Results {
-    fn part(&self, asleep: bool) -> &Recorded {
-        self.asleep.as_ref().filter(|_| asleep).unwrap_or(&self.recorded)
-    }
-}
-
 #[pymethods]
 impl Results {
     #[getter]
@@ -260,26 +252,21 @@ impl Results {
         self.end == End::Interrupted
     }
 
-    #[getter]
-    fn slept(&self) -> bool {
-        self.asleep.is_some()
-    }
-
-    fn summary(&self, asleep: bool) -> PyResult<String> {
-        Ok(json("writing the summary", &self.part(asleep).summary).map_err(Fault::from)?)
+    fn summary(&self) -> PyResult<String> {
+        Ok(json("writing the summary", &self.recorded.summary).map_err(Fault::from)?)
     }
 
     /// Returns the probes over time as `{name: column}`, times included.
-    fn probes<'py>(&self, py: Python<'py>, asleep: bool) -> PyResult<Bound<'py, PyDict>> {
-        columns(py, &self.part(asleep).probes)
+    fn probes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        columns(py, &self.recorded.probes)
     }
 
-    fn energy<'py>(&self, py: Python<'py>, asleep: bool) -> PyResult<Bound<'py, PyDict>> {
-        columns(py, &self.part(asleep).energy)
+    fn energy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        columns(py, &self.recorded.energy)
     }
 
-    fn effects<'py>(&self, py: Python<'py>, asleep: bool) -> PyResult<Bound<'py, PyDict>> {
-        columns(py, &self.part(asleep).effects)
+    fn effects<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        columns(py, &self.recorded.effects)
     }
 
     /// Returns the curves as `{name: {"time [s]", label of x, label of y}}`.

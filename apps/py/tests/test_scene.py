@@ -302,13 +302,6 @@ scene = "bar.toml"
         arlequin.sweep(tmp_path / "none.toml", out=tmp_path / "out")
 
 
-def test_a_waking_scene_has_both_of_its_parts():
-    done = Scene(SCENES / "waking-bar.toml").run()
-    assert done.summary.wake.woken
-    assert done.asleep is not None and done.asleep.summary.status == "woken"
-    assert done.asleep.asleep is None
-
-
 def test_a_panic_becomes_an_exception():
     from arlequin import _native
 

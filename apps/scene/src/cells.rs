@@ -8,8 +8,6 @@ use arlequin::core::{Elastic, ShapeRow};
 /// Shape-function gradients at the centre of one cell.
 #[derive(Debug, Clone)]
 pub(crate) struct Cell {
-    /// Centre \[m\].
-    pub(crate) centre: Point3<f64>,
     /// Material at the centre.
     pub(crate) material: Elastic<f64>,
     /// Nodes and gradients of their shape functions \[1/m\].
@@ -69,7 +67,6 @@ pub(crate) fn selected(key: &str, d: &ModelInfo, which: impl Iterator<Item = usi
         d.field.shape_at(&centre, true, &mut row).map_err(core(key))?;
         let row = row.nodes.iter().copied().zip(row.gradients.iter().copied());
         Ok(Cell {
-            centre,
             material: *materials.at(k),
             row: row.collect(),
         })

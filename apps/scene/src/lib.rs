@@ -42,7 +42,7 @@
 //! |---|---|
 //! | scene | [`spec`], [`setup`], `scene`, `cells`: the file, and the models that it describes |
 //! | output | [`output`]: folders and files of results |
-//! | run | `run`: sessions, recorders, checkpoints, models that sleep and wake |
+//! | run | `run`: sessions, recorders, checkpoints, zones that follow |
 //! | explore | [`sweep`], [`suggest`], [`calibrate`], [`compare`], [`effects`], previews |
 //!
 //! [`SceneSpec`] has every key of a scene with its meaning and unit.

@@ -221,11 +221,6 @@ impl Scene {
         Self { ranks, ..self }
     }
 
-    /// Returns a copy of the scene whose tables are those of `spec`.
-    pub(crate) fn with_spec(&self, spec: LoweredScene) -> Self {
-        Self { spec, ..self.clone() }
-    }
-
     /// The scene file, without the changes.
     pub fn source(&self) -> &Source {
         &self.source

@@ -28,8 +28,6 @@ pub(super) fn check<T: Real>(
                 model: s.model().name().to_owned(),
                 what: format!("be tied by interface '{name}' where it is in parts already; {how}"),
             });
-        } else if s.has_memory() {
-            "go on from what it remembers".to_owned()
         } else if pairs.iter().any(|p| p.sides.contains(&k)) {
             "touch another model".to_owned()
         } else if s.step_choice() == OwnStep::Implicit {

@@ -87,7 +87,7 @@ impl<T: Real> Subdomain<T> {
             "a support"
         } else if !self.chosen.is_empty() || paired {
             "an effect"
-        } else if !is_at_rest || self.memory.is_some() {
+        } else if !is_at_rest {
             "an initial state"
         } else if self.requested_step == super::OwnStep::Implicit {
             "the core's implicit scheme"

@@ -29,7 +29,6 @@ use crate::field::{Interpolation, ShapeRow};
 use crate::model::{CoarseModel, Finding, FineModel, Model, State};
 use crate::named::named;
 use crate::ranks::Communicator;
-use crate::record::Record;
 use crate::scalar::check_finite;
 use crate::weight::{Weighting, Weights};
 use crate::{Error, Exact, NodallyWeighted, Owned, Real, Result};
@@ -83,8 +82,6 @@ pub struct Subdomain<T: Real> {
     chosen: Vec<Box<dyn EffectSpec<T>>>,
     /// Attached effects with their lines of the ledger.
     effects: Vec<Attached<T, dyn Effect<T>>>,
-    /// Saved state from which the model continues.
-    memory: Option<Record<T>>,
     /// Ranks among which the run will partition the model; `None` once it has.
     ranks: Option<Arc<dyn Communicator>>,
     /// True once the run has partitioned the model.
@@ -143,7 +140,6 @@ impl<T: Real> Subdomain<T> {
             supports: Vec::new(),
             chosen: Vec::new(),
             effects: Vec::new(),
-            memory: None,
             ranks: None,
             is_partitioned: false,
             state: State::zero(n),
@@ -218,14 +214,6 @@ impl<T: Real> Subdomain<T> {
         self.state.q = q;
         self.state.v = v;
         Ok(self)
-    }
-
-    /// Lets the model continue from a state that an equal model saved ([`Model::save`]). The initial
-    /// displacements are then those at which it was saved.
-    #[must_use]
-    pub fn with_memory(mut self, memory: Record<T>) -> Self {
-        self.memory = Some(memory);
-        self
     }
 
     /// Returns findings in the present state that need an effect, whether the effect is on or not.

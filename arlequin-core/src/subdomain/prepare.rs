@@ -36,9 +36,6 @@ impl<T: Real> Subdomain<T> {
         }
         // The check left a trial weight behind.
         self.model.set_internal_weight(&*self.weights.internal)?;
-        if let Some(memory) = self.memory.take() {
-            self.model.restore(&memory)?;
-        }
         if self.is_external() {
             self.weigh_external(paired)?;
         } else {

@@ -26,11 +26,6 @@ impl<T: Real> Subdomain<T> {
         self.ranks.is_some()
     }
 
-    /// Returns whether a saved state was given to the model.
-    pub(crate) fn has_memory(&self) -> bool {
-        self.memory.is_some()
-    }
-
     /// Gathers `x`, one value per unknown of this rank, on rank 0 (`Some` there, `None` elsewhere). A model
     /// that is not partitioned returns `x` on every rank. Collective.
     ///

@@ -2,7 +2,7 @@
 
 use super::{entry, loudness, run, shell_word, was_shown};
 use crate::figures::{self, si};
-use arlequin_scene::output::summary::{InterfaceLine, ModelLine, Summary, WakeReport};
+use arlequin_scene::output::summary::{InterfaceLine, ModelLine, Summary};
 use std::path::Path;
 
 /// Largest number of peaks of probes in a short report.
@@ -45,7 +45,7 @@ pub(crate) fn finished(s: &Summary, place: &Path, planned: usize) {
     print_line!("next: arlequin {next} {}", shell_word(place));
 }
 
-/// Prints the figures of the results: peaks, the largest stress, broken bonds, fragments, waking.
+/// Prints the figures of the results: peaks, the largest stress, broken bonds, fragments.
 fn facts(s: &Summary, place: &Path) {
     let summary = serde_json::to_value(s).unwrap_or_default();
     let figures = figures::read(place, &summary);
@@ -59,9 +59,6 @@ fn facts(s: &Summary, place: &Path) {
     }
     for [name, words] in &others {
         entry(name, words);
-    }
-    if let Some(w) = &s.wake {
-        wake(w);
     }
 }
 
@@ -139,56 +136,4 @@ fn overlap(i: &InterfaceLine) {
         )
     });
     entry!("overlap", "{}: {} multipliers{jump}", i.name, i.multipliers);
-}
-
-/// Prints whether, when and how a sleeping model woke.
-fn wake(w: &WakeReport) {
-    let place = w.place.unwrap_or_default().map(|x| si(x, "m")).join(", ");
-    let value = w.value.unwrap_or_default();
-    let (Some(time), Some(before), Some(jump)) = (w.time, w.energy_before, w.jump) else {
-        entry!(
-            "wake",
-            "'{}' was asleep to the end: the largest {} of '{}' was {value:.4e} at ({place}), the limit {:.4e}",
-            w.model,
-            w.criterion,
-            w.by,
-            w.limit
-        );
-        return;
-    };
-    if !loudness().verbose {
-        entry!(
-            "wake",
-            "'{}' woke at t = {}: {} of '{}' was {value:.3e}",
-            w.model,
-            si(time, "s"),
-            w.criterion,
-            w.by
-        );
-        return;
-    }
-    entry!(
-        "wake",
-        "'{}' woke at t = {}, step {}: {} of '{}' {value:.4e} at ({place}), limit {:.4e}; energy {before:.4e} J before, a \
-         jump of {:.3} %",
-        w.model,
-        si(time, "s"),
-        w.step.unwrap_or_default(),
-        w.criterion,
-        w.by,
-        w.limit,
-        100.0 * jump / before.abs().max(f64::MIN_POSITIVE)
-    );
-    if let (Some(b), Some(a)) = (w.momentum_before, w.momentum_after) {
-        let change = |b: [f64; 3], a: [f64; 3]| {
-            let square = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-            let gap = square([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
-            (square(b), gap)
-        };
-        let ((size, gap), (spin, slip)) = (change(b.linear, a.linear), change(b.angular, a.angular));
-        entry!(
-            "",
-            "momentum {size:.4e} kg m/s changed by {gap:.1e}, angular {spin:.4e} kg m²/s by {slip:.1e}"
-        );
-    }
 }

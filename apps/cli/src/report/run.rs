@@ -18,15 +18,6 @@ pub(crate) fn plan(p: &Preview) {
     if let Some(title) = &p.title {
         entry("title", title);
     }
-    if let Some(a) = &p.asleep {
-        entry("asleep", "until a model wakes:");
-        sizes(a);
-        entry("awake", "");
-    }
-    sizes(p);
-}
-
-fn sizes(p: &Preview) {
     models(&p.models);
     interfaces(&p.interface);
     for z in &p.zones {
@@ -308,6 +299,14 @@ fn solutions(i: &InterfaceLine) -> Option<String> {
 
 fn interfaces(lines: &[InterfaceLine]) {
     for i in lines {
+        if i.multipliers == 0 {
+            entry!(
+                "interface",
+                "{}: nothing is tied yet, its zone begins empty",
+                i.name
+            );
+            continue;
+        }
         let at_least = if i.condition_at_least { "at least " } else { "" };
         let together = match i.together.as_slice() {
             [] => String::new(),

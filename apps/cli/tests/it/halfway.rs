@@ -1,8 +1,6 @@
 //! Runs that are killed half way and resumed: the report covers the whole run, and changed input is noticed.
 
-use crate::common::{
-    SMALL, WAKING, arlequin, changed, number, succeed, summary, text, wait_while_running, written,
-};
+use crate::common::{SMALL, arlequin, number, succeed, summary, text, wait_while_running, written};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
@@ -65,30 +63,6 @@ fn a_resumed_run_knows_the_energy_and_the_largest_jump_of_its_start() {
     // The figures stem from the start: energy has fallen to less than a hundredth.
     assert!(number(&whole, "/energy/initial") > 100.0 * number(&whole, "/energy/final"));
     assert!(number(&whole, "/interface/0/max_constraint_residual") > 1e-6);
-}
-
-/// A run that is resumed while its zone sleeps reports the highest strain, which occurred before the
-/// checkpoint. The zone never wakes.
-#[test]
-fn a_run_resumed_asleep_knows_the_highest_strain_of_before() {
-    let scene = changed(
-        WAKING,
-        &[
-            ("spacing = 0.25", "spacing = 0.5"),
-            ("criterion.strain = 5e-4", "criterion.strain = 1.0"),
-            (
-                "low = [11.9, 0.0, 0.0], high = [12.6",
-                "low = [2.9, 0.0, 0.0], high = [3.6",
-            ),
-            ("duration = 10.0", "duration = 5.0"),
-            ("end = 26.0", "end = 20.0\nstep.fraction = 0.02"),
-            ("[output]", "[output]\ncheckpoint_every = 1500\nevery = 100000"),
-        ],
-    );
-    let [whole, resumed] = whole_and_resumed(&written("half-asleep", &scene));
-    let peak = number(&whole, "/wake/value");
-    assert!((peak / 1e-3 - 1.0).abs() < 0.1, "the pulse passed: {peak}");
-    assert_eq!(whole["wake"], resumed["wake"]);
 }
 
 /// One tetrahedron.

@@ -1,9 +1,9 @@
 //! The library's results of a scene against those of the command line.
 
-use crate::common::{SMALL, WAKING, scene, scratch, succeed, text};
+use crate::common::{SMALL, scene, scratch, succeed, text};
 use arlequin::core::Coupled;
 use arlequin_scene::suggest::predict_as_given;
-use arlequin_scene::{End, Observer, Results, RunFolder, Scene, Silent, resume};
+use arlequin_scene::{End, Observer, RunFolder, Scene, Silent, resume};
 use std::ops::ControlFlow;
 
 /// Returns the numbers of a table as their bits.
@@ -73,19 +73,6 @@ impl Observer for Until {
     }
 }
 
-/// Observer that ends a run when it has been called this number of times.
-struct At(usize);
-
-impl Observer for At {
-    fn step(&mut self, _: &Coupled<f64>, _: usize) -> ControlFlow<()> {
-        self.0 = self.0.saturating_sub(1);
-        match self.0 {
-            0 => ControlFlow::Break(()),
-            _ => ControlFlow::Continue(()),
-        }
-    }
-}
-
 #[test]
 fn a_run_that_its_observer_ends_goes_on_from_its_folder() {
     let target = scratch("library-resume").join("out");
@@ -136,32 +123,6 @@ fn a_run_that_its_observer_ends_goes_on_in_memory() {
         message.contains("all steps are made; prepare the scene with a later end"),
         "{message}"
     );
-}
-
-/// A run with a model that wakes can be interrupted before or after waking and goes on in memory with the
-/// same results.
-#[test]
-fn a_waking_run_goes_on_in_memory() {
-    let scene = Scene::from_text(WAKING).expect("a scene");
-    let whole = scene.prepare().expect("builds").run(&mut Silent).expect("runs");
-    let slept = whole.asleep.as_ref().expect("it wakes").summary.steps;
-    let mut part = scene
-        .prepare()
-        .expect("builds")
-        .run(&mut At(slept / 2))
-        .expect("runs");
-    assert!(part.asleep.is_none());
-    part = part
-        .resume()
-        .expect("asleep")
-        .run(&mut At(slept - slept / 2 + 7))
-        .expect("runs");
-    assert!(part.asleep.is_some() && part.end == End::Interrupted);
-    part = part.resume().expect("awake").run(&mut Silent).expect("runs");
-    assert_eq!(part.end, End::Complete);
-    assert_eq!(part.recorded.probes, whole.recorded.probes);
-    let before = |r: &Results| r.asleep.as_ref().map(|a| a.probes.clone());
-    assert_eq!(before(&part), before(&whole));
 }
 
 #[test]

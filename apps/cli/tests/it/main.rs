@@ -37,4 +37,3 @@ mod three_levels;
 mod tumbling;
 mod verify;
 mod view;
-mod wake;

@@ -423,7 +423,7 @@ fn dimensionless_scenes_are_not_held_against_solids() {
 /// times are those of the scenes.
 #[test]
 fn no_shipped_scene_is_called_odd() {
-    let shipped: [(&str, &[&str]); 18] = [
+    let shipped: [(&str, &[&str]); 17] = [
         (
             "ball-impact.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
@@ -473,7 +473,6 @@ fn no_shipped_scene_is_called_odd() {
             "two-bodies.toml",
             &["model.grains.spacing=0.45e-3", "model.grains.dem.protocol=quench"],
         ),
-        ("waking-bar.toml", &[]),
         ("../sweeps/scenes/chain-bar.toml", &[]),
     ];
     let odd = [

@@ -1,7 +1,7 @@
 //! Ranges and rules of the schemas: program and schema refuse the same values.
 
 use crate::common::sweeps::{self, SWEEP};
-use crate::common::{SMALL, WAKING, arlequin, schemas::verdict, scratch, text};
+use crate::common::{SMALL, arlequin, schemas::verdict, scratch, text};
 use arlequin_scene::Source;
 use arlequin_scene::spec::schema;
 use arlequin_scene::sweep::PlannedSweep;
@@ -58,7 +58,7 @@ steps = 1
 
 /// Mistakes in each scene, as assignments. Without a value, the key is removed. The program refuses all of
 /// them, the schema those above the line.
-const MISTAKES: [(&str, &str); 5] = [
+const MISTAKES: [(&str, &str); 4] = [
     (
         SMALL,
         r#"
@@ -171,7 +171,6 @@ probe.tip.quantity = "von-mises"
 probe.tip.about = [0.0, 0.0, 0.0]
 probe.tip = { model = "left", quantity = "energy-release", crack = { front = [[0, 0, 0], [0, 1, 0]], direction = [0, 0, 0], radii = [0.1, 0.2] } }
 probe.tip = { model = "left", quantity = "energy-release", crack = { front = [[0, 0, 0], [0, 1, 0]], direction = [1, 0, 0], radii = [0, 0.2] } }
-wake = { model = "right", by = "left", criterion = { strain = 0.0 } }
 ----
 model = {}
 model.left.shape.box.high = [-6.0, 1.0, 1.0]
@@ -277,7 +276,6 @@ static.end = 0.0
 static.tolerance = 1.0
 static.tolerance = 0.0
 static.iterations = 0
-wake = { model = "tip", by = "body", criterion = { strain = 0.1 } }
 ----
 static = { times = [1.0, 0.5] }
 static.ramp = 1000000
@@ -296,18 +294,6 @@ model.beyond.spacing = 1.0
 model.beyond = { kind = "link", address = "127.0.0.1:80" }
 ----
 model.beyond = { kind = "link", address = "tcp:8.8.8.8:80" }
-"#,
-    ),
-    (
-        WAKING,
-        r#"
-wake.every = 0
-wake.criterion.strain = 0.0
-wake.criterion.stress = 1.0
-wake.criterion = { stress = 0.0 }
-time = { steps = 10 }
-----
-wake.by = "right"
 "#,
     ),
 ];

@@ -2,7 +2,7 @@
 //! orientations.
 #![allow(clippy::unwrap_used, reason = "a test fails where it cannot go on")]
 
-use crate::common::{WAKING, changed, number, succeed, summary, text, written};
+use crate::common::{number, succeed, summary, text, written};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -167,46 +167,6 @@ fn the_ledger_names_what_keeps_a_body_from_keeping_its_momentum() {
         let warned = s["warnings"].to_string().contains("angular momentum has changed");
         assert_eq!(warned, turns, "{}", s["warnings"]);
     }
-}
-
-/// A tumbling body beside a sleeping zone keeps its orientation and angular momentum when the zone wakes. Its
-/// integrated spin would not give the orientation.
-#[test]
-fn a_body_that_tumbles_keeps_its_orientation_when_another_wakes() {
-    let stick = r#"
-[model.stick]
-kind = "dem"
-shape.box = { low = [0.0, 10.0, 0.0], high = [6.0, 11.2, 1.4] }
-dem = { count = 150, protocol = "quench", finite_rotations = true }
-material = { young = 1.0, poisson = 0.17, density = 1.0 }
-
-[[initial]]
-models = ["stick"]
-spin = { rate = [0.12, 0.05, 0.03], centre = [3.0, 10.6, 0.7] }
-"#;
-    let later = [
-        (
-            "low = [11.9, 0.0, 0.0], high = [12.6",
-            "low = [16.9, 0.0, 0.0], high = [17.6",
-        ),
-        ("end = 26.0", "end = 30.0"),
-    ];
-    let scene = &(changed(WAKING, &later) + stick);
-    let (_, printed, s) = run("wake-stick", scene, &[]);
-    assert!(printed.contains("'right' woke at t ="), "{printed}");
-    assert!(
-        number(&s, "/wake/time") > 15.0,
-        "it should have turned by two radians"
-    );
-    let jump = number(&s, "/wake/jump") / number(&s, "/wake/energy_before");
-    assert!(jump.abs() < 1e-6, "energy jumps by {jump:e}");
-    let stick = s["momentum"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .find(|m| m["models"][0] == "stick")
-        .unwrap();
-    assert!(number(stick, "/angular_drift") < 1e-11, "{stick}");
 }
 
 /// Two models that turn keep their common angular momentum across an interface, although multipliers act at

@@ -253,12 +253,11 @@ class Run:
     :meth:`fields` returns the states of the frames.
     """
 
-    def __init__(self, native: _native.Results, asleep: bool = False) -> None:
+    def __init__(self, native: _native.Results) -> None:
         self._native = native
-        self._asleep = asleep
-        self.summary: Record = record(native.summary(asleep))
+        self.summary: Record = record(native.summary())
         """Content of ``summary.json``."""
-        columns = native.probes(asleep)
+        columns = native.probes()
         t = columns.pop("time [s]")
         facts = self.summary["probes"]
         self.probes: dict[str, Probe] = _Named(
@@ -266,15 +265,10 @@ class Run:
             {n: Probe(n, facts[n]["quantity"], t, c, facts[n]) for n, c in zip(facts, columns.values())},
         )
         """Probes by their names."""
-        self.energy = Table(native.energy(asleep), "energy")
+        self.energy = Table(native.energy(), "energy")
         """Energies, works and momenta over time; ``H`` is the invariant, ``relative_drift`` its change."""
-        self.effects = Table(native.effects(asleep), "effects")
+        self.effects = Table(native.effects(), "effects")
         """Values of the effects over time."""
-
-    @property
-    def asleep(self) -> Optional[Run]:
-        """Results of the time in which a model slept, if it woke; otherwise None."""
-        return Run(self._native, True) if self._native.slept and not self._asleep else None
 
     @property
     def folder(self) -> Optional[Path]:

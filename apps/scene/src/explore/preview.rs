@@ -62,9 +62,6 @@ pub struct Preview {
     pub stepping_seconds: Option<f64>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// Preview of the stage in which a model sleeps, for scenes with `[wake]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub asleep: Option<Box<Self>>,
 }
 
 /// A model that is an external solver in another process.
@@ -113,11 +110,7 @@ impl LinkLine {
 impl Prepared {
     /// Returns a preview of the run; makes a few steps and discards them to measure their time.
     pub fn preview(self) -> Preview {
-        let mut out = Preview::from_built(&self.scene, self.built, self.setup);
-        out.asleep = self
-            .asleep
-            .map(|a| Box::new(Preview::from_built(&a.scene, a.built, self.setup)));
-        out
+        Preview::from_built(&self.scene, self.built, self.setup)
     }
 }
 
@@ -185,7 +178,6 @@ impl Preview {
             setup_seconds,
             setup_phases: phases,
             warnings,
-            asleep: None,
             // The time of a load step cannot be known before it is solved.
             stepping_seconds: if last.is_some() {
                 None

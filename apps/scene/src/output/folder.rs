@@ -194,57 +194,6 @@ impl Folder {
         Ok(path)
     }
 
-    /// Moves everything but the checkpoint into a subfolder. The checkpoint stays until the next one replaces
-    /// it: a run that is killed before continues from it after [`Folder::take_back`].
-    pub fn put_aside(&self, name: &str) -> Result<()> {
-        let into = self.partial.join(name);
-        let results = self.results(&self.partial)?;
-        std::fs::create_dir(&into).map_err(write(&into))?;
-        for from in results {
-            let target = into.join(from.file_name().unwrap_or_default());
-            std::fs::rename(&from, &target).map_err(write(&target))?;
-        }
-        Ok(())
-    }
-
-    /// Undoes [`Folder::put_aside`], even if that was interrupted, and removes files written since.
-    pub fn take_back(&self, name: &str) -> Result<()> {
-        let from = self.partial.join(name);
-        if !from.exists() {
-            return Ok(());
-        }
-        for entry in self.results(&from)? {
-            let target = self.partial.join(entry.file_name().unwrap_or_default());
-            // Files written after the waking are made anew by the resumed run.
-            if target.is_dir() {
-                for file in self.results(&target)? {
-                    std::fs::remove_file(&file).map_err(write(&file))?;
-                }
-                std::fs::remove_dir(&target).map_err(write(&target))?;
-            } else if target.exists() {
-                std::fs::remove_file(&target).map_err(write(&target))?;
-            }
-            std::fs::rename(&entry, &target).map_err(write(&target))?;
-        }
-        std::fs::remove_dir(&from).map_err(write(&from))
-    }
-
-    /// Paths that the run wrote into a subfolder, except the checkpoint and the mark.
-    fn results(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        let mut out = Vec::new();
-        for entry in std::fs::read_dir(folder).map_err(write(folder))? {
-            let path = entry.map_err(write(folder))?.path();
-            let name = path.strip_prefix(&self.partial).unwrap_or(&path);
-            let stays = [mark::CHECKPOINT, mark::NAME]
-                .iter()
-                .any(|n| name == Path::new(n));
-            if mark::is_ours(name) && !stays {
-                out.push(path);
-            }
-        }
-        Ok(out)
-    }
-
     /// Renames the folder to its target. Results of a run that `failed` do not replace earlier ones; their
     /// folder gets the ending `failed`.
     pub fn finish(mut self, failed: bool) -> Result<PathBuf> {
@@ -302,10 +251,6 @@ impl Drop for Folder {
             return;
         }
         // Drop cannot report an error: on failure the folder stays under its unfinished name.
-        if self.partial.join(mark::PART).exists() {
-            let _ = self.settle(true);
-            return;
-        }
         let _ = mark::remove(&self.partial);
         if let Some(old) = &self.aside {
             let _ = std::fs::rename(old, &self.partial);

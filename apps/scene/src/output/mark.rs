@@ -67,8 +67,6 @@ const ADDED: [&str; 4] = ["member.json", ".member.json", "predicted.json", "view
 const PLOTS: (&str, &str) = ("plots", "svg");
 /// Prefixes of tables that are named after a model or a curve.
 const NAMED: [&str; 2] = ["fracture-", "curve-"];
-/// Subfolder that again has results, of the time before a model woke.
-pub const PART: &str = "asleep";
 
 /// A marked and locked folder in which this process writes.
 #[derive(Debug)]
@@ -234,17 +232,9 @@ pub fn generated(flag: &str, page: &Path, head: &str) -> Result<()> {
 pub fn is_ours(name: &Path) -> bool {
     let parts: Option<Vec<&str>> = name.iter().map(|p| p.to_str()).collect();
     match parts.as_deref() {
-        // Only one level: results inside `asleep` have no such folder again.
-        Some([PART, rest @ ..]) if rest.first() != Some(&PART) => is_part(rest),
-        Some(parts) => is_part(parts),
         None => false,
-    }
-}
-
-fn is_part(parts: &[&str]) -> bool {
-    match parts {
-        [] => true,
-        [file] => {
+        Some([]) => true,
+        Some([file]) => {
             FILES.contains(file)
                 || ADDED.contains(file)
                 || *file == PLOTS.0
@@ -255,12 +245,12 @@ fn is_part(parts: &[&str]) -> bool {
                     .iter()
                     .any(|n| file.starts_with(n) && file.ends_with(".csv"))
         }
-        [folder, file] => {
+        Some([folder, file]) => {
             let ending = file.rsplit_once('.').map_or("", |(_, ending)| ending);
             let writer = WRITERS.iter().find(|w| w.name() == *folder);
             (*folder, ending) == PLOTS || writer.is_some_and(|w| w.endings().contains(&ending))
         }
-        _ => false,
+        Some(_) => false,
     }
 }
 

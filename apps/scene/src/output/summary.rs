@@ -3,7 +3,6 @@
 use crate::ranks::RankLine;
 use crate::setup::PhaseTime;
 use crate::setup::packing::PackingLine;
-use arlequin::core::Coupled;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -17,8 +16,7 @@ pub struct Summary {
     /// Load steps of a scene at rest.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub load_steps: Vec<LoadStep>,
-    /// "complete", "interrupted", "stopped-at-overlap" or "failed"; "woken" for the part of a run in which a
-    /// model slept.
+    /// "complete", "interrupted", "stopped-at-overlap" or "failed".
     pub status: &'static str,
     /// Error that ended a failed run.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -28,9 +26,6 @@ pub struct Summary {
     /// Step from which a resumed run continued.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resumed_at_step: Option<usize>,
-    /// The sleeping model and its waking.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub wake: Option<WakeReport>,
     /// First crack of each model that ran into an overlap.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub into_overlap: Vec<OverlapBreak>,
@@ -125,59 +120,6 @@ pub struct OverlapBreak {
     pub place: [f64; 3],
     /// Number of broken bonds in overlaps so far.
     pub bonds: usize,
-}
-
-/// A model that slept, and the change at its waking.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct WakeReport {
-    /// True if the model woke.
-    pub woken: bool,
-    /// Name of the model that slept.
-    pub model: String,
-    /// Name of the model in its place until then.
-    pub by: String,
-    /// Quantity of the criterion, with its unit.
-    pub criterion: String,
-    /// Limit of the criterion.
-    pub limit: f64,
-    /// Value that woke the model, or the largest one seen; `None` before the first check.
-    pub value: Option<f64>,
-    /// Place of that value \[m\].
-    pub place: Option<[f64; 3]>,
-    /// Time of the waking \[s\].
-    pub time: Option<f64>,
-    /// Number of steps before the waking.
-    pub step: Option<usize>,
-    /// Kinetic plus internal energy before the waking \[J\].
-    pub energy_before: Option<f64>,
-    /// Kinetic plus internal energy after the waking \[J\].
-    pub energy_after: Option<f64>,
-    /// Change of the energy \[J\].
-    pub jump: Option<f64>,
-    /// Momentum before the waking.
-    pub momentum_before: Option<Momentum>,
-    /// Momentum after the waking.
-    pub momentum_after: Option<Momentum>,
-}
-
-/// Momentum of all models.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Momentum {
-    /// Linear momentum \[kg m/s\].
-    pub linear: [f64; 3],
-    /// Angular momentum about the origin \[kg m²/s\].
-    pub angular: [f64; 3],
-}
-
-impl Momentum {
-    /// Sums over all models of a run.
-    pub fn from_run(run: &Coupled<f64>) -> Self {
-        let [linear, angular] = run.momentum();
-        Self {
-            linear: linear.into(),
-            angular: angular.into(),
-        }
-    }
 }
 
 /// Size and time steps of a model.

@@ -14,8 +14,6 @@ use super::origin::Origin;
 use super::recorder::Records;
 use crate::error::{Error, Result, write};
 use crate::output::mark::CHECKPOINT;
-use crate::output::summary::WakeReport;
-use crate::setup::Start;
 use arlequin::core::snapshot::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -23,29 +21,10 @@ use std::io::Write as _;
 use std::path::Path;
 
 /// Format number; to be increased whenever the payload changes.
-const FORMAT: u32 = 8;
+const FORMAT: u32 = 9;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
-
-/// Progress of a scene with `[wake]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) enum Stage {
-    /// The model sleeps.
-    Asleep {
-        /// Largest value of the criterion so far.
-        highest: f64,
-        /// Place of this value \[m\].
-        place: [f64; 3],
-    },
-    /// The model woke.
-    Awake {
-        /// State that was handed over.
-        start: Start,
-        /// Report of the waking.
-        report: Box<WakeReport>,
-    },
-}
 
 /// A run at one instant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,8 +37,6 @@ pub(crate) struct Checkpoint {
     pub snapshot: Snapshot<f64>,
     /// Probes, energies and frames recorded so far.
     pub records: Records,
-    /// Stage of a scene with `[wake]`; `None` without one.
-    pub wake: Option<Stage>,
     /// Zone that follows; `None` without one.
     pub follow: Option<Followed>,
 }
@@ -228,10 +205,6 @@ mod tests {
                 }),
             },
             records: Records::default(),
-            wake: Some(Stage::Asleep {
-                highest: f64::NEG_INFINITY,
-                place: [1.0, 2.0, 3.0],
-            }),
             follow: None,
         }
     }
@@ -268,8 +241,8 @@ mod tests {
             assert!(r.starts_with("is truncated at"), "{n}: {r}");
         }
         let mut newer = good.clone();
-        newer[8] = 9;
-        let message = format!("has format 9, this program reads format {FORMAT}");
+        newer[8] = 10;
+        let message = format!("has format 10, this program reads format {FORMAT}");
         assert!(reason(&newer).starts_with(&message));
         for k in (HEAD..good.len()).step_by(7) {
             let mut bad = good.clone();

@@ -7,7 +7,7 @@ use super::results::{End, Observer, Recorded, Results};
 use super::session::Session;
 use super::summary::{self, Status};
 use crate::error::{Error, Result, core};
-use crate::output::summary::{Summary, WakeReport};
+use crate::output::summary::Summary;
 use crate::output::{Folder, Place, curves, fragments, json, mark, put, tables};
 use crate::scene::Scene;
 use std::path::{Path, PathBuf};
@@ -81,11 +81,6 @@ impl Keep {
     pub(super) fn frames(&self, name: &str) -> PathBuf {
         self.unfinished.join(name)
     }
-
-    /// Undoes [`Session::put_aside`].
-    pub(super) fn take_back(&self, name: &str) -> Result<()> {
-        self.folder.as_ref().map_or(Ok(()), |f| f.take_back(name))
-    }
 }
 
 impl Session<'_> {
@@ -93,9 +88,9 @@ impl Session<'_> {
     pub(crate) fn complete(mut self, observer: &mut dyn Observer) -> Result<Results> {
         let end = match self.load_steps.take() {
             Some(steps) => self.settle(&steps, observer),
-            None => self.advance(observer, &mut |_, _| false),
+            None => self.advance(observer),
         };
-        self.conclude(end, None, observer)
+        self.conclude(end, observer)
     }
 
     /// Writes a checkpoint if the run has a folder.
@@ -111,7 +106,6 @@ impl Session<'_> {
             origin,
             snapshot: self.run.snapshot().map_err(core("model"))?,
             records: self.recorder.records(),
-            wake: self.stage.clone(),
             follow: self.follow.as_ref().map(|f| f.state.clone()),
         })
     }
@@ -147,12 +141,7 @@ impl Session<'_> {
     }
 
     /// Writes the results of the steps made, for any end of the run, and finishes the folder.
-    pub(crate) fn conclude(
-        mut self,
-        end: Result<End>,
-        wake: Option<WakeReport>,
-        observer: &mut dyn Observer,
-    ) -> Result<Results> {
+    pub(crate) fn conclude(mut self, end: Result<End>, observer: &mut dyn Observer) -> Result<Results> {
         let written = end.and_then(|end| {
             let mut remaining = None;
             // Before the results: a failure to write them then leaves a run that can be resumed.
@@ -162,11 +151,11 @@ impl Session<'_> {
                     remaining = Some(Box::new(self.checkpoint(Origin::from_scene(self.scene)?)?));
                 }
             }
-            Ok((end, remaining, self.finish(end, wake.clone(), observer)?))
+            Ok((end, remaining, self.finish(end, observer)?))
         });
         let (end, remaining, summary) = match written {
             Ok(done) => done,
-            Err(e) => return Err(self.salvage(e, wake, observer)),
+            Err(e) => return Err(self.salvage(e, observer)),
         };
         let mut folder = None;
         if let Some(partial) = self.keep.and_then(|k| k.folder) {
@@ -179,7 +168,6 @@ impl Session<'_> {
         }
         Ok(Results {
             recorded: recorded(self.recorder, self.scene, summary),
-            asleep: None,
             run: self.run,
             breaks: self.breaks,
             end,
@@ -189,30 +177,9 @@ impl Session<'_> {
         })
     }
 
-    /// Writes the results of the steps made and moves them into a subfolder, so that another run can use the
-    /// folder.
-    pub(crate) fn put_aside(
-        mut self,
-        name: &str,
-        observer: &mut dyn Observer,
-    ) -> Result<(Recorded, Option<Keep>)> {
-        let summary = match self.finish(End::Woken, None, observer) {
-            Ok(summary) => summary,
-            Err(e) => return Err(self.salvage(e, None, observer)),
-        };
-        if let Some(mut keep) = self.keep.take() {
-            let put = keep.folder.as_ref().map_or(Ok(()), |f| f.put_aside(name));
-            match (put, keep.folder.take()) {
-                (Err(e), Some(folder)) => return Err(folder.keep(e)),
-                (_, folder) => self.keep = Some(Keep { folder, ..keep }),
-            }
-        }
-        Ok((recorded(self.recorder, self.scene, summary), self.keep))
-    }
-
     /// Writes every file that still can be written after a run failed, and returns the error with a note of
     /// it. A run without steps writes nothing.
-    fn salvage(mut self, error: Error, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Error {
+    fn salvage(mut self, error: Error, observer: &mut dyn Observer) -> Error {
         let Some(keep) = self.keep.take().filter(|_| self.run.steps() > 0) else {
             return error;
         };
@@ -225,8 +192,7 @@ impl Session<'_> {
             };
         }
         self.clock.enter(None);
-        let mut summary = self.summary(Status::Failed(error.to_string()), 0.0);
-        summary.wake = wake;
+        let summary = self.summary(Status::Failed(error.to_string()), 0.0);
         let Some(folder) = keep.folder else {
             return error;
         };
@@ -248,7 +214,7 @@ impl Session<'_> {
     }
 
     /// Gathers the results of the steps made, and writes them if the run has a folder.
-    fn finish(&mut self, end: End, wake: Option<WakeReport>, observer: &mut dyn Observer) -> Result<Summary> {
+    fn finish(&mut self, end: End, observer: &mut dyn Observer) -> Result<Summary> {
         let after = Instant::now();
         self.recorder.finish(&self.run)?;
         if let Some(folder) = self.writes() {
@@ -257,8 +223,7 @@ impl Session<'_> {
         for w in summary::findings(&self.run, &self.without_contact) {
             self.recorder.warn(w);
         }
-        let mut summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
-        summary.wake = wake;
+        let summary = self.summary(Status::Ended(end), after.elapsed().as_secs_f64());
         if let Some(folder) = self.writes() {
             write_summary(folder, &summary)?;
         }

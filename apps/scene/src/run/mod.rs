@@ -1,4 +1,4 @@
-//! Runs of a scene: sessions, their recorders and writers, checkpoints, and models that sleep and wake.
+//! Runs of a scene: sessions, their recorders and writers, zones that follow, and checkpoints.
 
 mod checkpoint;
 mod crossing;
@@ -13,7 +13,6 @@ mod results;
 mod session;
 mod statics;
 mod summary;
-mod wake;
 
 pub use folder::RunFolder;
 pub use prepared::{Prepared, Resumed, resume, resume_on};

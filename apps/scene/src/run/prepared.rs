@@ -1,10 +1,9 @@
 //! A scene that is ready to run, its run in memory or in a folder, and resuming a run that was stopped.
 
-use super::checkpoint::{Checkpoint, Stage};
+use super::checkpoint::Checkpoint;
 use super::folder::{Keep, RunFolder};
-use super::results::{Observer, Recorded, Results};
+use super::results::{Observer, Results};
 use super::session::Session;
-use super::wake::{self, Asleep};
 use crate::error::{Error, Result, key};
 use crate::output::writer::writer;
 use crate::output::{Folder, mark};
@@ -22,8 +21,6 @@ use std::time::Instant;
 pub struct Prepared {
     pub(crate) scene: Scene,
     pub(crate) built: Built,
-    /// The sleeping scene of `[wake]`.
-    pub(crate) asleep: Option<Asleep>,
     /// Duration of the set-up \[s\].
     pub(crate) setup: f64,
 }
@@ -54,25 +51,15 @@ impl Prepared {
         let begin = Instant::now();
         // An unknown format is refused before minutes of packing.
         writer(&scene.spec().output)?;
-        let (asleep, built) = match &scene.spec().wake {
-            None => {
-                let built = setup::build_from(scene.spec(), scene.folder(), None, scene.ranks(), report)?;
-                (None, built)
-            }
-            Some(wake) => {
-                let (asleep, built) = wake::prepare(scene, wake, report)?;
-                (Some(asleep), built)
-            }
-        };
+        let built = setup::build_from(scene.spec(), scene.folder(), scene.ranks(), report)?;
         Ok(Self {
             scene: scene.clone(),
             built,
-            asleep,
             setup: begin.elapsed().as_secs_f64(),
         })
     }
 
-    /// Returns the coupled models before the first step, with all models awake.
+    /// Returns the coupled models before the first step.
     pub fn coupled(&self) -> &Coupled<f64> {
         &self.built.run
     }
@@ -82,7 +69,7 @@ impl Prepared {
         &self.scene
     }
 
-    /// Returns everything that was built, with all models awake.
+    /// Returns everything that was built.
     pub fn built(&self) -> &Built {
         &self.built
     }
@@ -110,14 +97,7 @@ impl Prepared {
     }
 
     fn start(self, keep: Option<Keep>, observer: &mut dyn Observer) -> Result<Results> {
-        match self.asleep {
-            Some(asleep) => {
-                // `wake::run` builds it again from the state at the waking; until then its memory is free.
-                drop(self.built);
-                wake::run(&self.scene, asleep, keep, self.setup, None, observer)
-            }
-            None => Session::new(&self.scene, self.built, keep, self.setup, None)?.complete(observer),
-        }
+        Session::new(&self.scene, self.built, keep, self.setup, None)?.complete(observer)
     }
 }
 
@@ -128,8 +108,6 @@ pub struct Resumed {
     /// Folder of the results, if any.
     target: Option<PathBuf>,
     saved: Checkpoint,
-    /// Recorded values of the time in which a model slept, if no folder has them.
-    slept: Option<Recorded>,
 }
 
 /// Reads the last checkpoint of a folder and builds its scene.
@@ -146,7 +124,7 @@ pub fn resume(target: &Path) -> Result<Resumed> {
 /// Errors of [`resume`]; checkpoints that differ between ranks.
 pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
     let saved = together(communicator.as_ref(), last_checkpoint(target))?;
-    Resumed::from_checkpoint(saved, Some(target.to_owned()), None, communicator)
+    Resumed::from_checkpoint(saved, Some(target.to_owned()), communicator)
 }
 
 /// Reads the last checkpoint of a folder and refuses one that does not fit.
@@ -185,7 +163,7 @@ impl Results {
     /// cannot be used.
     pub fn resume(self) -> Result<Resumed> {
         match (self.remaining, &self.folder) {
-            (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, self.asleep, None),
+            (Some(remaining), _) => Resumed::from_checkpoint(*remaining, None, None),
             (None, Some(folder)) if self.end.can_resume() => resume(folder),
             _ => Err(key(
                 "time",
@@ -200,7 +178,6 @@ impl Resumed {
     fn from_checkpoint(
         saved: Checkpoint,
         target: Option<PathBuf>,
-        slept: Option<Recorded>,
         communicator: Option<Arc<dyn Communicator>>,
     ) -> Result<Self> {
         let begin = Instant::now();
@@ -212,25 +189,13 @@ impl Resumed {
             // Ranks on different file systems may hold checkpoints of different steps.
             scene.ranks().agree("the checkpoint", step)?;
         }
-        let built = match &saved.wake {
-            Some(Stage::Awake { start, .. }) => {
-                let built = wake::build(&scene, Some(start), &mut |_, _, _| ());
-                built.map(|built| Prepared {
-                    built,
-                    asleep: None,
-                    setup: 0.0,
-                    scene: scene.clone(),
-                })
-            }
-            _ => Prepared::new(&scene, &mut |_, _, _| ()),
-        };
+        let built = Prepared::new(&scene, &mut |_, _, _| ());
         let mut prepared = together(communicator.as_ref(), built)?;
         prepared.setup = begin.elapsed().as_secs_f64();
         Ok(Self {
             prepared,
             target,
             saved,
-            slept,
         })
     }
 
@@ -242,8 +207,7 @@ impl Resumed {
         let Self {
             prepared,
             target,
-            mut saved,
-            slept,
+            saved,
         } = self;
         let ranks = prepared.scene.ranks();
         let keep = target.map(|t| {
@@ -251,24 +215,7 @@ impl Resumed {
             ranks.together(Keep::reopen(&t, origin, ranks.leads()))
         });
         let keep = keep.transpose()?;
-        let stage = saved.wake.take();
-        let setup = prepared.setup;
-        match (prepared.asleep, stage) {
-            (Some(mut asleep), Some(stage)) => {
-                asleep.restore_watch(&stage);
-                if let Some(keep) = &keep {
-                    keep.take_back(wake::ASLEEP)?;
-                }
-                wake::run(&prepared.scene, asleep, keep, setup, Some(saved), observer)
-            }
-            (_, stage) => {
-                let session = Session::new(&prepared.scene, prepared.built, keep, setup, Some(saved))?;
-                let done = match stage {
-                    Some(Stage::Awake { start, report }) => wake::finish(session, start, *report, observer),
-                    _ => session.complete(observer),
-                };
-                done.map(|r| Results { asleep: slept, ..r })
-            }
-        }
+        let session = Session::new(&prepared.scene, prepared.built, keep, prepared.setup, Some(saved))?;
+        session.complete(observer)
     }
 }

@@ -20,8 +20,7 @@ pub trait Observer {
     fn step(&mut self, _run: &Coupled<f64>, _planned: usize) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
-    /// Called after the last step, also of the sleeping part of a scene with `[wake]`; the results are
-    /// gathered next.
+    /// Called after the last step; the results are gathered next.
     fn stepped(&mut self) {}
     /// Draws the tables of probes, energy and effects if the scene asks for plots; the folder is finished
     /// afterwards.
@@ -53,8 +52,6 @@ pub enum End {
     Complete,
     /// The observer ended the run.
     Interrupted,
-    /// A sleeping model woke.
-    Woken,
     /// A crack ran into an overlap, and the scene asks to end there.
     IntoOverlap,
 }
@@ -88,8 +85,6 @@ pub struct Recorded {
 pub struct Results {
     /// Recorded values.
     pub recorded: Recorded,
-    /// Recorded values of the time in which a model slept, if it woke.
-    pub asleep: Option<Recorded>,
     /// The models in their last state: displacements, velocities, multipliers.
     pub run: Coupled<f64>,
     /// Logs of broken bonds by model, if its bonds can break.

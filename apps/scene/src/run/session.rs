@@ -1,6 +1,6 @@
 //! A run in progress: its steps, their records, and the reasons to end.
 
-use super::checkpoint::{Checkpoint, Stage};
+use super::checkpoint::Checkpoint;
 use super::crossing::Crossing;
 use super::folder::Keep;
 use super::follow::Follow;
@@ -38,8 +38,6 @@ pub(crate) struct Session<'a> {
     /// End of the set-up.
     pub(super) begin: Instant,
     pub(super) resumed_at: Option<usize>,
-    /// Progress of a scene with `[wake]`, for checkpoints.
-    pub(crate) stage: Option<Stage>,
     pub(super) breaks: Vec<Option<SharedLog>>,
     /// The zone that goes where it is needed.
     pub(super) follow: Option<Follow>,
@@ -145,7 +143,6 @@ impl<'a> Session<'a> {
             setup,
             begin,
             resumed_at: None,
-            stage: None,
             follow,
             breaks,
             without_contact: built.without_contact,
@@ -161,16 +158,6 @@ impl<'a> Session<'a> {
             out.passed_warnings = out.run.warnings().len();
         }
         Ok(out)
-    }
-
-    /// Returns the coupled models.
-    pub(crate) fn coupled(&self) -> &Coupled<f64> {
-        &self.run
-    }
-
-    /// Returns whether the scene asks for checkpoints.
-    pub(crate) fn checkpoints(&self) -> bool {
-        self.scene.spec().output.checkpoint_every.is_some()
     }
 
     /// Passes on a warning the first time that it occurs and keeps it for the summary.
@@ -233,13 +220,8 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Makes steps until the last one, or until the observer, an overlap break or `woken` ends them. `woken`
-    /// may change the stage.
-    pub(crate) fn advance(
-        &mut self,
-        observer: &mut dyn Observer,
-        woken: &mut dyn FnMut(&Coupled<f64>, &mut Option<Stage>) -> bool,
-    ) -> Result<End> {
+    /// Makes steps until the last one, or until the observer or a break in an overlap ends them.
+    pub(crate) fn advance(&mut self, observer: &mut dyn Observer) -> Result<End> {
         if self.scene.ranks().leads() {
             self.recorder.warnings.iter().for_each(|w| observer.warning(w));
         }
@@ -289,10 +271,6 @@ impl<'a> Session<'a> {
                 break;
             }
             self.move_zone(observer)?;
-            if woken(&self.run, &mut self.stage) {
-                end = End::Woken;
-                break;
-            }
             // After the reasons to end, for which `conclude` writes the checkpoint.
             if every.is_some_and(|n| made.is_multiple_of(n)) {
                 self.save()?;

@@ -28,7 +28,6 @@ impl Status {
         match self {
             Self::Ended(End::Complete) => "complete",
             Self::Ended(End::Interrupted) => "interrupted",
-            Self::Ended(End::Woken) => "woken",
             Self::Ended(End::IntoOverlap) => "stopped-at-overlap",
             Self::Failed(_) => "failed",
         }
@@ -52,7 +51,6 @@ impl Session<'_> {
             },
             version: env!("CARGO_PKG_VERSION"),
             resumed_at_step: self.resumed_at,
-            wake: None,
             into_overlap: crossing::first_cracks(run, &self.breaks),
             conversions: self
                 .follow

@@ -11,7 +11,6 @@ use super::statics::LoadSteps;
 use super::zone::{Moving, ZoneLine};
 use crate::ranks::RankLine;
 use crate::setup::packing::PackingLine;
-use arlequin::core::snapshot::Record;
 use arlequin::core::{Coupled, Elastic, Interpolation, Materials};
 use arlequin::dem_beam::fracture::SharedLog;
 use std::sync::Arc;
@@ -58,18 +57,6 @@ impl ModelInfo {
             packing: body.grains.as_ref().map(|g| g.packing.clone()),
         }
     }
-}
-
-/// State from which a run starts, in place of `[[initial]]` at time zero.
-#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Start {
-    /// Time \[s\].
-    pub time: f64,
-    /// Displacements and velocities of each model.
-    pub states: Vec<[Vec<f64>; 2]>,
-    /// For each model, history such as orientations, if the model continues as it was.
-    #[serde(default)]
-    pub memories: Vec<Option<Record<f64>>>,
 }
 
 /// A run that is ready to step, with the data around it.

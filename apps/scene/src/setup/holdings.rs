@@ -47,9 +47,6 @@ fn whole(scene: &LoweredScene, m: usize, body: &Body) -> Option<String> {
     if table.step.is_some_and(|s| s.scheme == Some(Scheme::Implicit)) {
         return Some(format!("model.{name}.step.scheme does not go in parts"));
     }
-    if scene.wake.is_some() {
-        return no("models of a scene with [wake] do not go in parts");
-    }
     if scene.statics.is_some() {
         return no("models of a scene with [static] do not go in parts");
     }

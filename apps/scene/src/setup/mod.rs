@@ -52,7 +52,7 @@ pub mod zone;
 pub use between::ParticlesWithoutContact;
 pub use body::Body;
 pub use bounds::Bounds;
-pub use built::{Built, ModelInfo, Start};
+pub use built::{Built, ModelInfo};
 pub use clock::PhaseTime;
 pub(crate) use files::text;
 pub(crate) use fracture::stops_at_overlap;
@@ -66,7 +66,6 @@ pub(crate) use names::BODY;
 pub use names::{effect_models, model_index};
 pub use notch::{Knife, cut, knives};
 pub(crate) use obstacle::{locate_files, obstacle_parts};
-pub(crate) use probe::acts;
 pub use probe::{ProbeReader, Readings};
 pub use rigid::RigidPicture;
 pub use statics::LoadSteps;
@@ -75,7 +74,6 @@ pub use zone::{Bar, Moving, Share};
 use crate::error::{Result, core, key, value};
 use crate::ranks::{RankLine, Ranks};
 use crate::spec::{Effect, Support};
-use arlequin::core::snapshot::Record;
 use arlequin::core::{Coupled, Guard, OwnStep, Partition, Parts, SetupPhase, Subdomain, Weighting};
 use body::RigidBodies;
 use clock::SetupClock;
@@ -88,7 +86,7 @@ use std::path::Path;
 /// # Errors
 /// Mistakes in the scene: the key, its value, the limit and the remedy.
 pub fn build(scene: &LoweredScene, folder: &Path) -> Result<Built> {
-    build_from(scene, folder, None, &Ranks::default(), &mut |_, _, _| ())
+    build_from(scene, folder, &Ranks::default(), &mut |_, _, _| ())
 }
 
 /// Checks what can be checked from the scene alone, without building anything.
@@ -102,12 +100,11 @@ pub fn check(scene: &LoweredScene, folder: &Path) -> Result<()> {
     precheck::scene(&scene, folder).map(|_| ())
 }
 
-/// Builds a run with its own initial state and on several ranks, among which bodies are partitioned;
+/// Builds a run on one or several ranks, among which bodies are partitioned;
 /// `announce` is that of [`crate::Scene::prepare_with`].
 pub(crate) fn build_from(
     scene: &LoweredScene,
     folder: &Path,
-    start: Option<&Start>,
     ranks: &Ranks,
     announce: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Built> {
@@ -141,21 +138,22 @@ pub(crate) fn build_from(
     let rigid = rigid::pictures(scene, &bodies)?;
     let mediators = interfaces.iter().map(|j| j.grid.clone()).collect();
     let moving = Moving::from_scene(scene, &interfaces, &mut bodies, folder)?;
-    let begin = start.map_or(0.0, |s| s.time);
-    let states = states_of(scene, &bodies, start)?;
+    let states = bodies.iter().enumerate();
+    let states = states.map(|(m, body)| drive::initial(scene, m, body));
+    let states: Vec<State> = states.collect::<Result<_>>()?;
     // Decided from the bodies, which the subdomains take over below.
     let mut holdings = holdings::holdings(scene, &bodies, ranks.count());
     let subdomains = subdomains_of(scene, bodies, states, &mut interfaces, attachments)?;
     let last_load = load_steps.as_ref().and_then(|s| s.times.last().copied());
     let parts = Parts {
-        start: begin,
+        start: 0.0,
         end: last_load.or(scene.time.end),
         subdomains: shared_out(subdomains, &holdings, ranks),
         interfaces: interfaces.into_iter().map(|j| j.spec).collect(),
         pairs,
     };
     let mut run = coupled(scene, parts, &mut clock)?;
-    let steps = step_count(scene, load_steps.as_ref(), begin, &mut run)?;
+    let steps = step_count(scene, load_steps.as_ref(), &mut run)?;
     for (line, s) in holdings.iter_mut().zip(run.subdomains()) {
         line.add_imbalance(s);
     }
@@ -186,18 +184,13 @@ pub(crate) fn build_from(
 }
 
 /// Number of steps of a run. Refuses bodies of a scene at rest that are free to move.
-fn step_count(
-    scene: &LoweredScene,
-    load_steps: Option<&LoadSteps>,
-    begin: f64,
-    run: &mut Coupled<f64>,
-) -> Result<usize> {
+fn step_count(scene: &LoweredScene, load_steps: Option<&LoadSteps>, run: &mut Coupled<f64>) -> Result<usize> {
     match load_steps {
         Some(s) => {
             run.check_rest().map_err(core("static"))?;
             Ok(s.times.len())
         }
-        None => time::steps(scene, begin, run.dt()),
+        None => time::steps(scene, run.dt()),
     }
 }
 
@@ -327,23 +320,13 @@ fn bodies_of(
     Ok(out.into_iter().flatten().collect())
 }
 
-/// Initial displacements and velocities of a model, and its history.
-type Begin = ([Vec<f64>; 2], Option<Record<f64>>);
-
-fn states_of(scene: &LoweredScene, bodies: &[Body], start: Option<&Start>) -> Result<Vec<Begin>> {
-    let state = |(m, body): (usize, &Body)| {
-        Ok(match start {
-            Some(s) => (s.states[m].clone(), s.memories.get(m).cloned().flatten()),
-            None => (drive::initial(scene, m, body)?, None),
-        })
-    };
-    bodies.iter().enumerate().map(state).collect()
-}
+/// Initial displacements and velocities of a model.
+type State = [Vec<f64>; 2];
 
 fn subdomains_of(
     scene: &LoweredScene,
     bodies: Vec<Body>,
-    states: Vec<Begin>,
+    states: Vec<State>,
     interfaces: &mut [BuiltInterface],
     mut attachments: Attachments,
 ) -> Result<Vec<Subdomain<f64>>> {
@@ -355,17 +338,13 @@ fn subdomains_of(
     }
     let sleeps = lower::following(scene).is_some();
     let in_step = obstacle::in_step(scene)?;
-    let subdomain_from = |(m, (body, (state, memory))): (usize, (Body, Begin))| {
+    let subdomain_from = |(m, (body, state)): (usize, (Body, State))| {
         let mut own_step = time::own_step(scene, m);
         if matches!(own_step, OwnStep::Same) && in_step.contains(&m) {
             own_step = OwnStep::Ratio(1);
         }
         let built = subdomain(m, (body, state), interfaces, &mut attachments)?.with_step(own_step);
-        let built = if sleeps { built.with_sleep() } else { built };
-        Ok(match memory {
-            Some(record) => built.with_memory(record),
-            None => built,
-        })
+        Ok(if sleeps { built.with_sleep() } else { built })
     };
     bodies
         .into_iter()

@@ -10,7 +10,9 @@ use crate::setup::{BodyShape, LoweredInterface};
 use crate::spec::Absorber as AbsorberTable;
 use arlequin::core::effect::Absorber;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Mediator, NoMediator, Overlap, Place};
+use arlequin::core::{
+    Elastic, InterfaceOptions, InterfaceSpec, Interpolation, Mediator, NoMediator, Overlap, Place,
+};
 use arlequin::fem_ref::FemField;
 use std::path::Path;
 use std::sync::Arc;

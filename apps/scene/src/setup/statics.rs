@@ -52,12 +52,6 @@ fn check(scene: &LoweredScene, s: &Static) -> Result<()> {
             "is replaced by [static]: remove end and steps, or [static]",
         ));
     }
-    if scene.wake.is_some() {
-        return Err(key(
-            "wake",
-            "is for scenes that run in time; remove it or [static]",
-        ));
-    }
     match s.steps {
         Some(0) => return Err(value("static.steps", 0, "must be at least 1")),
         Some(n) if n > MANY => return Err(value("static.steps", n, &format!("must be at most {MANY}"))),

@@ -62,13 +62,13 @@ pub(super) fn check_own(name: &str, model: &LoweredModel, is_linear: bool) -> Re
 }
 
 /// Number of whole steps up to the end; a step that ends there up to round-off is the last one.
-pub(super) fn steps(scene: &LoweredScene, begin: f64, dt: f64) -> Result<usize> {
+pub(super) fn steps(scene: &LoweredScene, dt: f64) -> Result<usize> {
     let end = match (scene.time.steps, scene.time.end) {
         (Some(n), _) => return Ok(n),
         (None, end) => end.unwrap_or_default(),
     };
     // Round-off of the quotient must not add a step.
-    let steps = ((end - begin) / dt * (1.0 - 1e-12)).ceil();
+    let steps = (end / dt * (1.0 - 1e-12)).ceil();
     if steps > MANY_STEPS {
         let rule =
             format!("is {steps:.1e} steps of {dt:e} s away, more than {MANY_STEPS:e}; choose an earlier end");

@@ -11,7 +11,6 @@ mod probe;
 pub mod schema;
 mod statics;
 pub(crate) mod sweep;
-mod wake;
 
 pub use body::{ZoneMediator, ZoneOverlap, ZoneShape, ZoneTable};
 pub use drive::{
@@ -32,7 +31,6 @@ pub use model::{
 pub(crate) use probe::Reading;
 pub use probe::{Component, Crack, Curve, Probe, Quantity};
 pub use statics::Static;
-pub use wake::{Near, Wake};
 
 use choice::choice;
 use schemars::JsonSchema;
@@ -49,7 +47,6 @@ use std::collections::BTreeMap;
     "anyOf" = [{ "required": ["model"] }, { "required": ["body"] }],
     "dependencies" = {
         "zone": ["body"],
-        "wake": { "required": ["time"], "properties": { "time": { "required": ["end"] } } },
     },
 ))]
 #[non_exhaustive]
@@ -101,8 +98,6 @@ pub struct SceneSpec<M = ModelTable, I = Interface> {
     /// Files that are written, and how often.
     #[serde(default)]
     pub output: Output,
-    /// A model that sleeps at first.
-    pub wake: Option<Wake>,
 }
 
 impl<M, I> SceneSpec<M, I> {
@@ -128,7 +123,6 @@ impl<M, I> SceneSpec<M, I> {
             probe: self.probe,
             curve: self.curve,
             output: self.output,
-            wake: self.wake,
         }
     }
 }

@@ -541,6 +541,75 @@ fn a_load_on_the_body_acts_on_through_all_changes() {
     assert!((mean.abs() / 240.0 - 1.0).abs() < 0.15, "{mean} N");
 }
 
+/// A pulse comes back from the free end of a bar as tension: the zone begins where that loads the bonds.
+#[test]
+fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/spalling.toml");
+    let text = std::fs::read_to_string(path).expect("a shipped scene");
+    let scene = Scene::from_text(&text).expect("a scene");
+    let prepared = scene.prepare().expect("built");
+    assert_eq!(prepared.coupled().interfaces()[0].report().multipliers, 0);
+    let whole = prepared.run(&mut Silent).expect("runs");
+    let summary = whole.summary();
+    let changes = &summary.conversions;
+    assert!(
+        changes[0].cells[0] == 0 && changes[0].spheres[0] == 0,
+        "{changes:?}"
+    );
+    assert!(
+        summary.energy.h_drift_max < 1e-11,
+        "{}",
+        summary.energy.h_drift_max
+    );
+    // The same spheres everywhere, which have the load at their own face.
+    let zone = text.find("# No shape").expect("the zone");
+    let everywhere = text[zone..]
+        .replace("[zone.grains]\nkind = \"dem\"\noverlap.width = 3e-3", {
+            "[model.grains]\nkind = \"dem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [40e-3, 4e-3, 4e-3] }\n\
+             material = { young = 75e9, poisson = 0.17, density = 2200.0 }"
+        })
+        .replace("follow = { wake = 0.6 }\n", "")
+        .replace("model = \"body\"", "model = \"grains\"");
+    let alone = run(&Scene::from_text(&everywhere).unwrap_or_else(|e| panic!("{e}\n{everywhere}")));
+    // Blows tear off some spheres at the loaded face as well.
+    let spall = |results: &Results| {
+        let mut places: Vec<f64> = breaks(results).iter().map(|b| b.place.x).collect();
+        places.retain(|x| *x > 25e-3);
+        places.sort_by(f64::total_cmp);
+        (places.len(), places[places.len() / 2])
+    };
+    let ((count, place), (count_alone, place_alone)) = (spall(&whole), spall(&alone));
+    println!("{count} breaks at {place:.4} m, alone {count_alone} at {place_alone:.4} m");
+    assert!((place - place_alone).abs() < 0.5e-3, "{place} {place_alone}");
+    assert!(
+        (count as f64 / count_alone as f64 - 1.0).abs() < 0.35,
+        "{count} {count_alone}"
+    );
+    // The end flies off with the momentum that it has trapped.
+    let last = |results: &Results| *results.probe("end").expect("a probe").1.last().expect("a value");
+    let (end, end_alone) = (last(&whole), last(&alone));
+    println!("the end flies at {end:.3} m/s, alone {end_alone:.3}");
+    assert!((end / end_alone - 1.0).abs() < 0.25, "{end} {end_alone}");
+    for step in [changes[0].step - 4, changes[1].step] {
+        let part = scene
+            .prepare()
+            .expect("built")
+            .run(&mut Stop(step))
+            .expect("runs");
+        let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+        assert!(bits(&done) == bits(&whole), "resumed at step {step}");
+    }
+    let without = text.replace("follow = { wake = 0.6 }", "");
+    let message = Scene::from_text(&without)
+        .map(|_| ())
+        .expect_err("no shape")
+        .to_string();
+    assert!(
+        message.contains("zone.grains") && message.contains("shape"),
+        "{message}"
+    );
+}
+
 #[test]
 fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");

@@ -135,54 +135,6 @@ where = "x-max"
 component = "x"
 "#;
 
-/// A long pulse runs along a bar of elements into a sleeping zone, which wakes as coarser elements.
-pub(crate) const WAKING: &str = r#"
-[model.left]
-kind = "fem"
-role = "coarse"
-shape.box = { low = [0.0, 0.0, 0.0], high = [20.0, 1.0, 1.0] }
-spacing = 0.5
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[model.right]
-kind = "fem"
-role = "fine"
-shape.box = { low = [18.0, 0.0, 0.0], high = [30.0, 1.0, 1.0] }
-spacing = 0.25
-material = { young = 1.0, poisson = 0.0, density = 1.0 }
-
-[interface.joint]
-coarse = "left"
-fine = "right"
-overlap.slab = { coarse = [18.0, 0.5, 0.5], fine = [20.0, 0.5, 0.5] }
-
-[wake]
-model = "right"
-by = "left"
-asleep = ["model.left.shape.box.high=[30.0, 1.0, 1.0]"]
-criterion.strain = 5e-4
-near.box = { low = [11.9, 0.0, 0.0], high = [12.6, 1.0, 1.0] }
-every = 1
-
-[[load]]
-model = "left"
-where = "x-min"
-traction = [-1e-3, 0.0, 0.0]
-time.pulse = { duration = 10.0 }
-
-[time]
-end = 26.0
-
-[output]
-plots = false
-
-[probe.behind]
-model = "right"
-at = [20.5, 0.5, 0.5]
-quantity = "velocity"
-component = "x"
-"#;
-
 /// Returns a scene with some of its words replaced; each must occur exactly once.
 pub(crate) fn changed(scene: &str, changes: &[(&str, &str)]) -> String {
     changes.iter().fold(scene.to_owned(), |text, (from, to)| {

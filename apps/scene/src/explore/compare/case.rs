@@ -301,7 +301,6 @@ fn bare(scene: &LoweredScene) -> LoweredScene {
     out.initial.clear();
     out.probe.clear();
     out.curve.clear();
-    out.wake = None;
     for table in out.interface.values_mut() {
         table.method = Method::Arlequin;
         table.weight.weighting = Weighting::Energy;

@@ -52,18 +52,16 @@ impl Kind for Link {
         check(order.key, order.table)
     }
 
-    /// Refuses `[wake]` and `[static]`.
+    /// Refuses `[static]`.
     fn check_in(&self, scene: &LoweredScene, order: &Order<'_>) -> Result<()> {
-        let table = match (&scene.wake, &scene.statics) {
-            (Some(_), _) => "wake",
-            (None, Some(_)) => "static",
-            (None, None) => return Ok(()),
-        };
+        if scene.statics.is_none() {
+            return Ok(());
+        }
         let name = order.name;
         let rule = format!(
-            "model '{name}' is a link, which steps by itself from the start on; remove {table}, or the link"
+            "model '{name}' is a link, which steps by itself from the start on; remove static, or the link"
         );
-        Err(key(table, rule))
+        Err(key("static", rule))
     }
 
     fn build(&self, order: &Order<'_>, _: &mut SetupClock<'_>) -> Result<Body> {

@@ -88,11 +88,6 @@ fn names(scene: &LoweredScene) -> Vec<String> {
     sorted
 }
 
-/// Returns whether the scene has a support, load or effect of this name.
-pub(crate) fn acts(name: &str, scene: &LoweredScene) -> bool {
-    names(scene).iter().any(|n| n == name)
-}
-
 /// Collects supports and effects of the name `of`.
 ///
 /// # Errors

@@ -8,7 +8,6 @@ mod tensor;
 
 pub(super) use crack::check as check_crack;
 pub use exerted::Readings;
-pub(crate) use exerted::acts;
 pub(super) use exerted::check as check_exerted;
 pub(super) use place::{inside, placed};
 pub(super) use rules::{axis, check, model};

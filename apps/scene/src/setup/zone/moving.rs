@@ -110,8 +110,8 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if scene.zone.len() > 1 {
         return refuse("a zone that moves must be the only one; make one zone of all, or remove follow");
     }
-    if scene.statics.is_some() || scene.wake.is_some() {
-        return refuse("has no meaning with [static] or [wake]; remove one of them");
+    if scene.statics.is_some() {
+        return refuse("has no meaning with [static]; remove one of them");
     }
     if zone.dem.loose == crate::spec::LooseKind::Keep {
         return refuse(
