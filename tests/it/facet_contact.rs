@@ -151,6 +151,7 @@ const PAIRS: [(&str, &str); 10] = [
 ];
 
 #[test]
+#[ignore = "quarter of a minute"]
 fn the_force_on_a_block_at_rest_is_its_weight() {
     for (below, above) in &PAIRS[..4] {
         let law = ContactLaw {

@@ -257,7 +257,9 @@ impl<T: Real> Coupled<T> {
             start,
             closing,
             motions,
-            awake: awake.map(|(g, s)| [g.awake(), Giver::new(s).awake()]).collect(),
+            awake: awake
+                .map(|(g, s)| [&*g.inertia, s.inertia()].map(|m| transfer::awake(s, m)))
+                .collect(),
         })
     }
 

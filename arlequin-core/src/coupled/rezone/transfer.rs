@@ -35,6 +35,13 @@ pub(super) struct Giver<T: Real> {
     translations: usize,
 }
 
+/// Number of nodes with mass, from the inertia of all unknowns of a model.
+pub(super) fn awake<T: Real>(s: &Subdomain<T>, inertia: &[T]) -> usize {
+    let layout = s.model().layout();
+    let masses = inertia[..layout.translations()].iter().step_by(layout.components);
+    masses.filter(|m| **m > T::zero()).count()
+}
+
 impl<T: Real> Giver<T> {
     pub(super) fn new(s: &Subdomain<T>) -> Self {
         let (layout, state) = (s.model().layout(), s.state());
@@ -45,12 +52,6 @@ impl<T: Real> Giver<T> {
             components: layout.components,
             translations: layout.translations(),
         }
-    }
-
-    /// Number of nodes with mass.
-    pub(super) fn awake(&self) -> usize {
-        let masses = self.inertia[..self.translations].iter().step_by(self.components);
-        masses.filter(|m| **m > T::zero()).count()
     }
 
     fn mass(&self, node: usize) -> T {
@@ -183,40 +184,39 @@ fn mix<T: Real>(s: &mut Subdomain<T>, giver: &Giver<T>, received: &[Received<T>]
     }
 }
 
-/// Returns the shape functions of a field at nodes of another model, one row for each node of which `wanted`
-/// is true; continued beyond the surface of the field. `None` where the field does not reach.
+/// Returns the nodes of another model of which `wanted` is true and at which a field exists, ascending, with
+/// the field's shape functions there; continued beyond the surface of the field.
 fn rows<T: Real>(
     field: &dyn Interpolation<T>,
     of: &Subdomain<T>,
     wanted: &(dyn Fn(usize) -> bool + Sync),
     gradient: bool,
-) -> Result<Vec<Option<ShapeRow<T>>>> {
+) -> Result<Vec<(usize, ShapeRow<T>)>> {
     let nodes = of.model().nodes();
-    let row = |node: usize| -> Result<Option<ShapeRow<T>>> {
+    let row = |node: usize| -> Result<(usize, Option<ShapeRow<T>>)> {
         let mut row = ShapeRow::default();
-        if !wanted(node) {
-            return Ok(None);
-        }
         match field.shape_at(&nodes[node], gradient, &mut row) {
-            Ok(()) => Ok(Some(row)),
+            Ok(()) => Ok((node, Some(row))),
             // Nodes beyond the surface of the field get their rows below, by its continuation.
-            Err(Error::OutsideDomain { .. }) => Ok(None),
+            Err(Error::OutsideDomain { .. }) => Ok((node, None)),
             Err(e) => Err(e),
         }
     };
-    let mut out: Vec<_> = (0..nodes.len()).into_par_iter().map(row).collect::<Result<_>>()?;
+    let wanted = (0..nodes.len()).into_par_iter().filter(|k| wanted(*k));
+    let found: Vec<_> = wanted.map(row).collect::<Result<_>>()?;
+    let mut out = Vec::with_capacity(found.len());
     let mut reach = None;
     let mut work = [ShapeRow::default(), ShapeRow::default()];
-    for (node, out) in out
-        .iter_mut()
-        .enumerate()
-        .filter(|(k, row)| row.is_none() && wanted(*k))
-    {
+    for (node, row) in found {
+        if let Some(row) = row {
+            out.push((node, row));
+            continue;
+        }
         // Few nodes lie outside, and most fields have none.
         let reach = reach.get_or_insert_with(|| Reach::new(field));
         let mut row = ShapeRow::default();
         match reach.shape_at(&nodes[node], gradient, &mut row, &mut work) {
-            Ok(()) => *out = Some(row),
+            Ok(()) => out.push((node, row)),
             // Too far from this field. The caller knows if another model holds the node, and refuses it if
             // none does.
             Err(Error::OutsideDomain { .. }) => {}
@@ -311,11 +311,7 @@ impl<T: Real> Means<T> {
             let rows = rows(&**field, &subdomains[p], &has_mass, false)?;
             let points = subdomains[p].model().nodes();
             // One after the other, so that the bits do not depend on the number of threads.
-            for (i, row) in rows
-                .iter()
-                .enumerate()
-                .filter_map(|(i, r)| Some((i, r.as_ref()?)))
-            {
+            for (i, row) in rows {
                 for (&j, &n) in row.nodes.iter().zip(&row.values) {
                     // The linear continuation of a shape function may be negative, and a mean needs positive
                     // weights.
@@ -360,7 +356,7 @@ fn orphan<T: Real>(s: &Subdomain<T>, node: usize) -> Error {
 /// sleeps has its linear mean.
 fn coarse_state<T: Real>(
     coarse: usize,
-    rows: &[Option<ShapeRow<T>>],
+    rows: &[(usize, ShapeRow<T>)],
     subdomains: &[Subdomain<T>],
     givers: &[Giver<T>],
     ties: &[InterfaceSpec<T>],
@@ -368,7 +364,7 @@ fn coarse_state<T: Real>(
     let giver = &givers[coarse];
     let mut out = vec![[Vector3::zeros(); 2]; subdomains[coarse].model().nodes().len()];
     let mut asleep = vec![false; out.len()];
-    for &j in rows.iter().flatten().flat_map(|r| &r.nodes) {
+    for &j in rows.iter().flat_map(|r| &r.1.nodes) {
         asleep[j] = giver.mass(j) <= T::zero();
         out[j] = [0, 1].map(|what| giver.vector(what, j));
     }
@@ -405,11 +401,7 @@ fn from_coarse<T: Real>(
     for &p in partners {
         let rows = rows(&**subdomains[p].field(), s, &|node| gains[node], gradient)?;
         let vectors = coarse_state(p, &rows, subdomains, givers, ties)?;
-        for (i, row) in rows
-            .iter()
-            .enumerate()
-            .filter_map(|(i, r)| Some((i, r.as_ref()?)))
-        {
+        for (i, row) in rows {
             // With several givers each counts by its weight there. A weight of zero at the node itself,
             // beside a mean that is not, must not lose the only giver.
             let share = givers[p].weight.value(&s.model().nodes()[i]).max(T::epsilon());
