@@ -383,7 +383,7 @@ fn numbers_are_short_and_files_that_are_no_text_are_named_by_line_and_byte() {
     );
 }
 
-/// These checks refuse no shipped scene.
+/// The checks before packing refuse no shipped scene.
 #[test]
 fn the_tables_of_shipped_scenes_are_taken() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/scenes");

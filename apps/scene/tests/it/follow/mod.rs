@@ -1,5 +1,7 @@
-//! A zone that follows a crack: compared with spheres everywhere, resumed, on several threads, and refused.
+//! A zone that follows a crack: compared with spheres everywhere, resumed, and on several threads.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
+
+mod limits;
 
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, locked};
@@ -163,41 +165,6 @@ fn spheres_fill_the_region_in_which_the_zone_may_go() {
     assert!(summary.conversions.iter().all(|c| c.cells[1] <= whole));
 }
 
-/// Clamps that hold the plate beyond the region load it there, where there are no spheres to break.
-#[test]
-fn loads_beyond_the_region_of_spheres_are_told() {
-    let far = |strict: &str| {
-        let within = format!(
-            "follow = {{ strict = {strict}, within.box = {{ low = [-1e-3, 3e-3, -1e-3], high = [20e-3, 17e-3, 3e-3] }} }}"
-        );
-        scene(&[
-            COARSE[0],
-            ("end = 70e-6", "end = 24e-6"),
-            ("amplitude = 4e-6", "amplitude = 30e-6"),
-            ("follow = true", &within),
-            (
-                "where = \"y-min\"",
-                "where.box = { low = [30e-3, 0.0, 0.0], high = [40e-3, 0.0, 2e-3] }",
-            ),
-            (
-                "where = \"y-max\"",
-                "where.box = { low = [30e-3, 20e-3, 0.0], high = [40e-3, 20e-3, 2e-3] }",
-            ),
-        ])
-    };
-    let warnings = run(&far("false")).summary().warnings.clone();
-    let beyond = warnings
-        .iter()
-        .filter(|w| w.contains("outside of zone.crack.follow.within"));
-    assert_eq!(beyond.count(), 1, "{warnings:?}");
-    let error = far("true").prepare().expect("built").run(&mut Silent);
-    let message = error.map(|_| ()).expect_err("a load beyond").to_string();
-    assert!(
-        message.contains("follow.strict") && message.contains("take a larger region"),
-        "{message}"
-    );
-}
-
 /// A look leaves out elements by what the looks before it found, so that a checkpoint needs these.
 #[test]
 fn a_run_that_is_resumed_between_looks_finds_the_same_elements() {
@@ -273,25 +240,6 @@ fn a_run_that_is_resumed_and_one_on_other_threads_have_the_same_bits() {
     }
 }
 
-#[test]
-fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
-    let seldom = |strict: &str| {
-        let follow = format!("follow = {{ wake = 1.0, every = 250, strict = {strict} }}");
-        let later = ("end = 28e-6", "end = 40e-6");
-        scene(&[COARSE[0], COARSE[1], COARSE[2], later, ("follow = true", &follow)])
-    };
-    let results = run(&seldom("false"));
-    let warnings = &results.summary().warnings;
-    let late = warnings.iter().filter(|w| w.contains("woke too late"));
-    assert_eq!(late.count(), 1, "{warnings:?}");
-    let error = seldom("true").prepare().expect("built").run(&mut Silent);
-    let message = error.map(|_| ()).expect_err("too late").to_string();
-    assert!(
-        message.contains("woke too late") && message.contains("zone.crack.follow.strict"),
-        "{message}"
-    );
-}
-
 /// Nearly as many elements as spheres: hats of the absorber's space cannot be told apart in later overlaps.
 #[test]
 #[ignore = "half a minute"]
@@ -309,156 +257,6 @@ fn spheres_hardly_finer_than_the_elements_come_through_all_changes() {
         message.contains("zone.crack.spacing") && message.contains("fewer than 1.5 for each node"),
         "{message}"
     );
-}
-
-/// A probe of the body reads the spheres where the zone begins; elsewhere the run names each probe whose
-/// model sleeps.
-#[test]
-fn probes_whose_model_sleeps_are_named() {
-    let probe = |name: &str, model: &str, x: f64| {
-        format!(
-            "[probe.{name}]\nmodel = \"{model}\"\nat = [{x}, 12e-3, 1e-3]\nquantity = \"displacement\"\ncomponent = \"y\"\n\n"
-        )
-    };
-    let probes = [
-        probe("mouth", "body", 5e-3),
-        probe("ahead", "body", 16e-3),
-        probe("late", "crack", 30e-3),
-        "[probe.load]".to_owned(),
-    ];
-    let results = run(&scene(&[
-        COARSE[0],
-        ("end = 70e-6", "end = 18e-6"),
-        COARSE[2],
-        ("[probe.load]", &probes.concat()),
-    ]));
-    let warnings = &results.summary().warnings;
-    let named = |name: &str| {
-        let name = format!("probe '{name}'");
-        warnings.iter().filter(|w| w.contains(&name)).count()
-    };
-    assert_eq!(["mouth", "ahead", "late"].map(named), [0, 1, 1], "{warnings:?}");
-    let [mouth, late] = ["mouth", "late"].map(|name| results.probe(name).expect("a probe"));
-    // The clamp has gone 2.7 µm.
-    let opened = mouth.1.last().expect("values");
-    assert!(*opened > 0.5e-6, "{opened} m");
-    let first = results.summary().conversions[0].time;
-    let mut asleep = late.0.iter().zip(late.1).filter(|(t, _)| **t < first);
-    assert!(asleep.all(|(_, u)| u.abs() < f64::MIN_POSITIVE), "{late:?}");
-}
-
-/// A run so short that its zone does not move names them too.
-#[test]
-fn probes_that_sleep_from_the_start_are_named() {
-    let probe = "[probe.late]\nmodel = \"crack\"\nat = [30e-3, 12e-3, 1e-3]\nquantity = \"displacement\"\n\
-                 component = \"y\"\n\n[probe.load]";
-    let results = run(&scene(&[
-        COARSE[0],
-        ("end = 70e-6", "end = 1e-8"),
-        ("[probe.load]", probe),
-    ]));
-    let warnings = &results.summary().warnings;
-    let named = warnings.iter().filter(|w| w.contains("probe 'late'"));
-    assert_eq!(named.count(), 1, "{warnings:?}");
-}
-
-/// Elements have no notch: where a notch leaves the zone, they close it.
-#[test]
-fn a_notch_that_reaches_beyond_its_zone_is_named() {
-    let warnings = |changes: &[(&str, &str)]| {
-        let ends = ("end = 70e-6", "end = 1e-8");
-        let changes = [&[COARSE[0], ends], changes].concat();
-        let built = scene(&changes).prepare().expect("built");
-        let warnings = built.run(&mut Silent).expect("runs").summary().warnings.clone();
-        let closed = warnings.into_iter().filter(|w| w.contains("close it there"));
-        closed.collect::<Vec<_>>()
-    };
-    let notch = "{ low = [-1e-3, 10e-3, -1e-3], high = [12e-3, 10e-3, 3e-3] }";
-    assert_eq!(warnings(&[]), [""; 0]);
-    // 6 mm beyond the zone's elements, two of 1 mm in the thickness, along faces of elements or through them.
-    for (y, count) in [("10e-3", 12), ("10.4e-3", 12)] {
-        let long = format!("{{ low = [-1e-3, {y}, -1e-3], high = [20e-3, {y}, 3e-3] }}");
-        let closed = warnings(&[(notch, &long)]);
-        let words = format!("zone.crack.dem.notch[0] also crosses {count} elements");
-        assert!(closed.len() == 1 && closed[0].contains(&words), "{closed:?}");
-    }
-    let plane = "{ plane = { point = [0.0, 10e-3, 0.0], normal = [0.1, 1.0, 0.0], \
-                 within = { low = [-1e-3, 0.0, -1.0], high = [20e-3, 20e-3, 1.0] } } }";
-    assert_eq!(warnings(&[(notch, plane)]).len(), 1);
-}
-
-#[test]
-fn a_zone_that_follows_stays_off_supports_and_loads() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
-    let text = std::fs::read_to_string(path).expect("a shipped scene");
-    for (from, to, words) in [
-        // The overlap of 3 mm and one element of 1 mm stay between the zone and the clamps.
-        (
-            "low = [-1e-3, 6e-3, -1e-3]",
-            "low = [-1e-3, 3.5e-3, -1e-3]",
-            "support[0]",
-        ),
-        (
-            "high = [14e-3, 14e-3, 3e-3]",
-            "high = [14e-3, 16.5e-3, 3e-3]",
-            "support 'clamp'",
-        ),
-        (
-            "model = \"body\"\nwhere = \"y-min\"",
-            "model = \"crack\"\nwhere = \"y-min\"",
-            "model = \"body\"",
-        ),
-        // The zone begins at x = 0 and reaches 14 mm.
-        (
-            "[[effect]]\nmass",
-            "[[load]]\nname = \"push\"\nmodel = \"body\"\nwhere = \"x-min\"\npressure = 1.0\ntime = \"step\"\n[[effect]]\nmass",
-            "load 'push'",
-        ),
-        (
-            "[[effect]]\nmass",
-            "[[load]]\nmodel = \"crack\"\nwhere = \"x-max\"\npressure = 1.0\ntime = \"step\"\n[[effect]]\nmass",
-            "load[0]",
-        ),
-    ] {
-        let changed = text.replace(from, to);
-        assert_ne!(changed, text, "{from}");
-        let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
-        let message = checked.expect_err(words).to_string();
-        assert!(message.contains(words) && message.contains("crack"), "{message}");
-    }
-    // The strip has to hold the zone from 6 to 14 mm and its overlap of 3 mm.
-    for (low, words) in [
-        ("[-1e-3, 4e-3, -1e-3]", "must lie inside"),
-        ("[41e-3, 4e-3, -1e-3]", "no element"),
-    ] {
-        let within = format!("follow.within.box = {{ low = {low}, high = [42e-3, 17e-3, 3e-3] }}");
-        let changed = text.replace("follow = true", &within);
-        let checked = Scene::from_text(&changed).and_then(|s| s.prepare().map(|_| ()));
-        let message = checked.expect_err(words).to_string();
-        assert!(
-            message.contains("zone.crack.follow.within") && message.contains(words),
-            "{message}"
-        );
-    }
-    // Where a support and the border are both near, the border is named: beyond it nothing can break.
-    let near_both = text
-        .replace(
-            "follow = true",
-            "follow.within.box = { low = [-1e-3, 4e-3, -1e-3], high = [42e-3, 17e-3, 3e-3] }",
-        )
-        .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 1e-3, -1e-3]");
-    let checked = Scene::from_text(&near_both).and_then(|s| s.prepare().map(|_| ()));
-    let message = checked.expect_err("outside").to_string();
-    assert!(
-        message.contains("zone.crack.follow.within") && message.contains("must lie inside"),
-        "{message}"
-    );
-    // As far as it may go.
-    let widest = text
-        .replace("low = [-1e-3, 6e-3, -1e-3]", "low = [-1e-3, 4e-3, -1e-3]")
-        .replace("high = [14e-3, 14e-3, 3e-3]", "high = [14e-3, 16e-3, 3e-3]");
-    assert_ne!(widest, text);
-    Scene::from_text(&widest).expect("a scene");
 }
 
 /// After the crack has cut the plate, its halves are without load, and the zone keeps what lies near to
@@ -548,6 +346,9 @@ fn a_load_on_the_body_acts_on_through_all_changes() {
 fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/spalling.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
+    // Coarser spheres of the same strength take a third of the time.
+    let text = text.replace("spacing = 0.35e-3", "spacing = 0.5e-3");
+    let text = text.replace("gc = 5.6", "gc = 8.0");
     let scene = Scene::from_text(&text).expect("a scene");
     let prepared = scene.prepare().expect("built");
     assert_eq!(prepared.coupled().interfaces()[0].report().multipliers, 0);
@@ -608,47 +409,6 @@ fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
         .to_string();
     assert!(
         message.contains("zone.grains") && message.contains("shape"),
-        "{message}"
-    );
-}
-
-#[test]
-fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
-    let text = std::fs::read_to_string(path).expect("a shipped scene");
-    for (from, to, words) in [
-        ("follow = true", "follow.wake = 1.5", "follow.wake"),
-        ("follow = true", "follow.margin = 0", "follow.margin"),
-        (
-            "follow = true",
-            "follow.within.ball = { centre = [0.0, 0.0, 0.0], radius = -1.0 }",
-            "follow.within.ball.radius",
-        ),
-        ("follow = true", "follow.release = 0.4", "follow.release"),
-        ("follow = true", "follow.release = -0.1", "follow.release"),
-        ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),
-        ("kind = \"fem\"", "kind = \"cnem\"", "natural elements"),
-        ("fracture = { gc = 8.0 }", "contact = {}", "has contact"),
-        ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
-        (
-            "fracture = { gc = 8.0 }",
-            "fracture = { criterion = \"hydrostatic\", strength = 1e6 }",
-            "hydrostatic",
-        ),
-    ] {
-        let changed = text.replace(from, to);
-        assert_ne!(changed, text, "{from}");
-        let refused = Scene::from_text(&changed).map(|_| ());
-        let message = refused.expect_err(words).to_string();
-        assert!(
-            message.contains(words) && message.contains("zone.crack"),
-            "{message}"
-        );
-    }
-    let refused = scene(&[]).for_ranks(2).prepare().map(|_| ());
-    let message = refused.expect_err("two ranks").to_string();
-    assert!(
-        message.contains("zone.crack.follow") && message.contains("run the scene on one"),
         "{message}"
     );
 }
