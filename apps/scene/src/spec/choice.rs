@@ -21,6 +21,13 @@ macro_rules! choice {
                         self,
                         mut map: A,
                     ) -> Result<$choice, A::Error> {
+                        // The derived function would say "expected enum".
+                        if map.size_hint() == Some(0) {
+                            return Err(serde::de::Error::custom(concat!(
+                                "is empty, expected exactly one of ",
+                                $words
+                            )));
+                        }
                         // `remote = "Self"` makes the derived function an inherent one, so that this is no
                         // recursion. It reads one key and ignores what follows.
                         let map_deserializer = serde::de::value::MapAccessDeserializer::new(&mut map);

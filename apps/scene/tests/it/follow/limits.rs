@@ -212,6 +212,12 @@ fn a_zone_that_follows_stays_off_supports_and_loads() {
 fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
+    let empty = text.replace("follow = true", "follow.within = {}");
+    let message = Scene::from_text(&empty)
+        .map(|_| ())
+        .expect_err("empty")
+        .to_string();
+    assert!(message.contains("is empty, expected exactly one of"), "{message}");
     for (from, to, words) in [
         ("follow = true", "follow.wake = 1.5", "follow.wake"),
         ("follow = true", "follow.margin = 0", "follow.margin"),
