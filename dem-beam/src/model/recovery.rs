@@ -101,7 +101,7 @@ impl DemModel {
     /// nothing under one of bonds. Collective.
     fn particle_loads(&self, fracture: &FractureState, reader: &Reader<'_>) -> Vec<f64> {
         let load = |i| fracture.particle_load(&self.body, reader, i);
-        let mut out: Vec<f64> = (0..self.nodes.len()).map_while(load).collect();
+        let mut out: Vec<f64> = (0..self.centres().len()).map_while(load).collect();
         if let Some(halo) = self
             .halo
             .as_ref()
@@ -128,8 +128,8 @@ impl Recovery<f64> for DemModel {
     /// Collective for a partitioned body; `nodes` are numbers of this rank's part.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        if let Some(k) = nodes.iter().find(|k| **k >= self.nodes.len()) {
-            let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
+        if let Some(k) = nodes.iter().find(|k| **k >= self.centres().len()) {
+            let rule = format!("'{}' has {} particles", self.name, self.centres().len());
             return Err(invalid("number of a particle", k, &rule));
         }
         // The order of its rows is that of the bonds, so that the sums have the bits of those in frames.
@@ -172,7 +172,7 @@ impl Links<f64> for DemModel {
             ghosts: &ghosts,
             ..self.reader(q)
         };
-        let (pairs, owned) = (self.body.pairs(), self.nodes.len());
+        let (pairs, owned) = (self.body.pairs(), self.centres().len());
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
