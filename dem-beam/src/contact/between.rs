@@ -43,7 +43,7 @@ impl ContactBetween {
     /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(first: ContactBody, second: ContactBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
-        let radii = || first.spheres.iter().chain(&second.spheres).map(|s| s[3]);
+        let radii = || first.spheres.iter().chain(&*second.spheres).map(|s| s[3]);
         let mean = radii().sum::<f64>() / radii().count() as f64;
         Ok(Self(Contacts {
             name: format!("contact {}-{}", first.name, second.name),
@@ -119,7 +119,7 @@ impl PairEffectSpec<f64> for ContactBetween {
         // A separate list: the run's list is filled at its first instant.
         let mut near = CrossList::new(0.0);
         near.tied.clone_from(&list.tied);
-        let [a, b] = [&grains[0].rest_spheres, &grains[1].rest_spheres].map(Vec::as_slice);
+        let [a, b] = [&grains[0].rest_spheres, &grains[1].rest_spheres].map(|s| &s[..]);
         near.refresh([a, b], [a, b]);
         let named = |e| arlequin_core::Error::of_model(hosts.sides[0].model.name(), e);
         self.0.check_start(&near).map_err(named)?;

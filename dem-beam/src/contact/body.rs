@@ -2,27 +2,28 @@
 
 use super::neighbours;
 use crate::model::DemModel;
-use crate::packing::cells::{Sphere, spheres};
+use crate::packing::cells::Sphere;
 use arlequin_core::Model;
 use arlequin_core::contact::Exterior;
+use std::sync::Arc;
 
 /// The spheres of a model at rest with their masses: remains available when the model has moved into a run.
 #[derive(Debug, Clone)]
 pub struct ContactBody {
     pub(super) name: String,
-    pub(super) spheres: Vec<Sphere>,
+    pub(super) spheres: Arc<Vec<Sphere>>,
     /// Unweighted masses \[kg\].
-    pub(super) mass: Vec<f64>,
+    pub(super) mass: Arc<Vec<f64>>,
 }
 
 impl ContactBody {
-    /// Copies the spheres and masses of a model.
+    /// Takes the spheres and masses of a model; all bodies of a model share them.
     #[must_use]
     pub fn from_model(model: &DemModel) -> Self {
         Self {
             name: model.name().to_owned(),
-            spheres: spheres(model.body().positions(), model.body().radii()),
-            mass: model.masses().to_vec(),
+            spheres: model.shared_spheres(),
+            mass: model.shared_masses(),
         }
     }
 

@@ -10,7 +10,7 @@ use crate::packing::cells::Sphere;
 use arlequin_core::effect::Instant;
 use arlequin_core::{Owned, Result};
 
-/// Numbers per particle between ranks: sphere at rest, mass share, weighted mass, inverse inertia,
+/// Numbers per particle between ranks: sphere at rest, unweighted and weighted mass, inverse inertia,
 /// displacement, velocities and forces.
 const NUMBERS: usize = 27;
 
@@ -120,7 +120,7 @@ impl Gathered {
     }
 }
 
-/// Contact data of a particle: sphere at rest, mass share, weighted mass, inverse inertia.
+/// Contact data of a particle: sphere at rest, unweighted and weighted mass, inverse inertia.
 pub(crate) type ContactData = [f64; 12];
 
 /// Sphere of a particle's contact data.

@@ -26,6 +26,7 @@ mod grains;
 pub(crate) mod neighbours;
 mod pairs;
 mod parts;
+mod sparse;
 mod surrounding;
 mod touching;
 mod watch;
@@ -35,6 +36,7 @@ pub(crate) use arlequin_core::contact::Spring;
 pub use between::ContactBetween;
 pub use body::ContactBody;
 pub(crate) use grains::{Grains, add, power};
+pub(crate) use sparse::Sparse;
 pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};
 
 use crate::error::Result;

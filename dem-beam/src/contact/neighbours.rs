@@ -2,6 +2,7 @@
 
 use super::Spring;
 use super::grains::Grains;
+use super::sparse::Sparse;
 use super::watch::Watch;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere, spheres};
@@ -9,6 +10,7 @@ use crate::particles::BondedParticles;
 use arlequin_core::adjacency::Adjacency;
 use arlequin_core::snapshot::Record;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Number of values of a pair in a record: its rest distance and its spring.
@@ -116,12 +118,12 @@ pub(super) fn search(
 #[derive(Debug)]
 pub(crate) struct Listed {
     pub(crate) pairs: Vec<Candidate>,
-    pub(crate) springs: Vec<Spring>,
+    /// Springs of closed contacts; an open one holds nothing.
+    pub(crate) springs: Sparse<Spring>,
     pub(crate) searches: usize,
     pub(super) skin: f64,
     /// Spheres of all bodies at the last search.
     pub(super) built: Vec<Sphere>,
-    cells: CellList,
     watch: Watch,
 }
 
@@ -129,11 +131,10 @@ impl Listed {
     pub(super) fn new(skin: f64) -> Self {
         Self {
             pairs: Vec::new(),
-            springs: Vec::new(),
+            springs: Sparse::default(),
             searches: 0,
             skin,
             built: Vec::new(),
-            cells: CellList::default(),
             watch: Watch::default(),
         }
     }
@@ -187,8 +188,9 @@ impl Listed {
         self.built.extend(all_spheres());
         // Cells of this size hold all partners of a sphere in the cells around its own.
         let reach = 2.0 * all_spheres().fold(0.0_f64, |m, s| m.max(s[3])) + self.skin;
+        // Cells are made anew: searches are rare, and their memory is not used between them.
         let parts = search(
-            &mut self.cells,
+            &mut CellList::default(),
             [first, partners],
             within,
             [reach, self.skin],
@@ -200,29 +202,24 @@ impl Listed {
     /// Makes space for `more` pairs, and for some beyond: doubled lists would be the largest of a contact.
     fn reserve(&mut self, more: usize) {
         let len = self.pairs.len() + more;
-        if len > self.pairs.capacity().min(self.springs.capacity()) {
-            let space = more + len / 16;
-            self.pairs.reserve_exact(space);
-            self.springs.reserve_exact(space);
+        if len > self.pairs.capacity() {
+            self.pairs.reserve_exact(more + len / 16);
         }
     }
 
     /// Replaces the list; closed contacts keep their springs.
     fn relist(&mut self, parts: &[Vec<Candidate>]) {
-        // Open springs hold nothing that must be kept.
-        let contacts = self.pairs.iter().copied().zip(self.springs.iter().copied());
-        let mut old: Vec<(Candidate, Spring)> = contacts.filter(|(_, s)| s.closed).collect();
-        old.sort_unstable_by_key(|(c, _)| c.ends);
+        let closed = self.springs.iter().filter(|(_, s)| s.closed);
+        let old: Vec<([u32; 2], Spring)> = closed.map(|(k, s)| (self.pairs[k].ends, s)).collect();
         self.pairs.clear();
-        self.springs.clear();
         self.reserve(parts.iter().map(Vec::len).sum());
         parts.iter().for_each(|p| self.pairs.extend_from_slice(p));
-        self.springs.resize(self.pairs.len(), Spring::default());
-        for (c, s) in old {
+        self.springs = Sparse::new(self.pairs.len());
+        for (ends, s) in old {
             // The parts come in ascending order, so the new list is sorted.
-            let k = self.pairs.partition_point(|p| p.ends < c.ends);
-            if self.pairs.get(k).is_some_and(|p| p.ends == c.ends) {
-                self.springs[k] = s;
+            let k = self.pairs.partition_point(|p| p.ends < ends);
+            if self.pairs.get(k).is_some_and(|p| p.ends == ends) {
+                *self.springs.get_mut(k) = s;
             }
         }
     }
@@ -234,7 +231,8 @@ impl Listed {
         let searched = u64::from(!self.built.is_empty());
         out.integers
             .extend([self.searches as u64, self.pairs.len() as u64, searched]);
-        for (p, s) in self.pairs.iter().zip(&self.springs) {
+        for (k, p) in self.pairs.iter().enumerate() {
+            let s = self.springs.get(k);
             out.integers
                 .extend([u64::from(p.ends[0]), u64::from(p.ends[1]), u64::from(s.closed)]);
             out.numbers.push(p.rest_distance);
@@ -268,17 +266,18 @@ impl Listed {
         self.searches = searches as usize;
         self.watch.reset();
         self.pairs.clear();
-        self.springs.clear();
+        self.springs = Sparse::new(pairs);
         let (ends, _) = ends.as_chunks::<3>();
-        for (&[i, j, closed], &[rest_distance, ref spring @ ..]) in
-            ends.iter().zip(springs.as_chunks::<PAIR>().0)
-        {
+        let rows = ends.iter().zip(springs.as_chunks::<PAIR>().0);
+        for (k, (&[i, j, closed], &[rest_distance, ref spring @ ..])) in rows.enumerate() {
             if i >= counts[0] as u64 || j >= counts[1] as u64 {
                 return None;
             }
             let ends = [i as u32, j as u32];
             self.pairs.push(Candidate { ends, rest_distance });
-            self.springs.push(Spring::from_numbers(closed == 1, *spring));
+            if closed == 1 {
+                *self.springs.get_mut(k) = Spring::from_numbers(true, *spring);
+            }
         }
         self.built = spheres.as_chunks::<4>().0.to_vec();
         Some(remaining)
@@ -290,8 +289,10 @@ impl Listed {
 pub(crate) struct PairList {
     pub(crate) listed: Listed,
     pub(super) adjacency: Arc<Adjacency<[u32; 2]>>,
-    /// Distance at which each broken bond broke \[m\]; infinite for whole bonds.
-    pub(super) broken_at: Vec<f64>,
+    /// Number of bonds, whole or broken.
+    pub(super) bonds: usize,
+    /// Distance at which each broken bond broke \[m\], by its number.
+    broken_at: BTreeMap<u32, f64>,
 }
 
 impl PairList {
@@ -300,40 +301,37 @@ impl PairList {
         Self {
             listed: Listed::new(skin),
             adjacency: body.adjacency(),
-            broken_at: vec![f64::INFINITY; body.pairs().len()],
+            bonds: body.pairs().len(),
+            broken_at: BTreeMap::new(),
         }
     }
 
     /// Writes the list, then the distances at which bonds broke.
     pub(crate) fn save(&self, out: &mut Record<f64>) {
         self.listed.save(out);
-        // Records hold finite numbers only: -1 stands for infinity.
-        let distance = |d: &f64| if d.is_finite() { *d } else { -1.0 };
-        out.numbers.extend(self.broken_at.iter().map(distance));
+        // -1 stands for a whole bond.
+        let distance = |b: u32| self.broken_at.get(&b).copied().unwrap_or(-1.0);
+        out.numbers.extend((0..self.bonds as u32).map(distance));
     }
 
     /// Restores what [`Self::save`] wrote; `None` for a record of a body with other than `count` particles.
     pub(crate) fn restore(&mut self, count: usize, integers: &[u64], numbers: &[f64]) -> Option<()> {
         let broken = self.listed.restore([count; 2], count, integers, numbers)?;
-        if broken.len() != self.broken_at.len() {
-            return None;
-        }
-        for (target, d) in self.broken_at.iter_mut().zip(broken) {
-            *target = if *d < 0.0 { f64::INFINITY } else { *d };
-        }
-        Some(())
+        let gone = (0..).zip(broken).filter(|(_, d)| **d >= 0.0);
+        self.broken_at = gone.map(|(b, d)| (b, *d)).collect();
+        (broken.len() == self.bonds).then_some(())
     }
 
     /// Lists the pair of a bond that just broke.
     pub(crate) fn add_broken(&mut self, event: &Break, rest_spheres: &[Sphere]) {
-        self.broken_at[event.bond as usize] = event.distance;
+        self.broken_at.insert(event.bond, event.distance);
         let [a, b] = event.pair.map(|i| &rest_spheres[i as usize]);
         self.listed.reserve(1);
         self.listed.pairs.push(Candidate {
             ends: event.pair,
             rest_distance: rest_distance_of(a, b).min(event.distance),
         });
-        self.listed.springs.push(Spring::default());
+        self.listed.springs.resize(self.listed.pairs.len());
     }
 
     /// Searches again if a particle has moved by half the skin since the last search.
@@ -344,7 +342,9 @@ impl PairList {
             match bond_between(adjacency, i as u32, k as u32) {
                 // Whole bonds carry their pair themselves. A broken one pushes from where it broke on, and
                 // not before.
-                Some(b) => log.is_broken(b).then(|| limit.min(broken_at[b])),
+                Some(b) => log
+                    .is_broken(b)
+                    .then(|| limit.min(broken_at.get(&(b as u32)).copied().unwrap_or(f64::INFINITY))),
                 None => Some(limit),
             }
         });

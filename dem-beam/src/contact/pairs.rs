@@ -1,8 +1,8 @@
 //! Near pairs in a partitioned body: each rank lists the pairs whose first particle it owns.
 
-use super::Spring;
 use super::grains::Grains;
 use super::neighbours::{self, Candidate, Listed, PairList, bond_between, distance, rest_distance_of};
+use super::sparse::Sparse;
 use super::surrounding::Surrounding;
 use crate::fracture::{Break, BreakLog};
 use crate::packing::cells::{CellList, Sphere};
@@ -101,7 +101,7 @@ impl PartitionedPairs {
             around: None,
             has_unknown: true,
             bonds: Adjacency::from_rows(bond_rows),
-            total_bonds: whole.broken_at.len(),
+            total_bonds: whole.bonds,
             broken_at: BTreeMap::new(),
         }
     }
@@ -276,7 +276,7 @@ impl PartitionedPairs {
                 rest_distance: x[3],
             })
             .collect();
-        list.springs = vec![Spring::default(); gathered.len()];
+        list.springs = Sparse::new(gathered.len());
         list.searches = self.searches;
         list.built = built.as_chunks::<4>().0.to_vec();
         let key = |x: &[f64; 4]| Key {

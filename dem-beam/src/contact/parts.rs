@@ -70,12 +70,14 @@ impl GatheredPairs {
 
     /// Returns the springs of all pairs after the last step.
     fn springs(&self, pairs: &[(Key, f64)]) -> Vec<Spring> {
-        let old = self.keys.iter().map(|k| k.ends).zip(&self.closed.springs);
-        let mut old: Vec<([u32; 2], &Spring)> = old.collect();
+        let old = self.keys.iter().enumerate();
+        let mut old: Vec<([u32; 2], Spring)> = old
+            .map(|(k, key)| (key.ends, self.closed.springs.get(k)))
+            .collect();
         old.sort_unstable_by_key(|o| o.0);
         let spring_of = |(key, _): &(Key, f64)| {
             let k = old.binary_search_by_key(&key.ends, |o| o.0).ok()?;
-            Some(*old[k].1)
+            Some(old[k].1)
         };
         pairs.iter().map(|p| spring_of(p).unwrap_or_default()).collect()
     }
@@ -112,7 +114,7 @@ impl GatheredPairs {
             rest_distance: *distance,
         };
         self.closed.pairs = pairs.iter().map(candidate).collect();
-        self.closed.springs = springs;
+        self.closed.springs = springs.into_iter().collect();
         self.keys = pairs.iter().map(|p| p.0).collect();
         self.closed.measure(from_ref(&touched), &[]);
         touching.respond(
@@ -132,8 +134,8 @@ impl GatheredPairs {
             return Ok(false);
         };
         let place = |key: &Key| keys.binary_search(key).unwrap_or_default();
-        for (key, spring) in self.keys.iter().zip(&self.closed.springs) {
-            list.springs[place(key)] = *spring;
+        for (k, key) in self.keys.iter().enumerate() {
+            *list.springs.get_mut(place(key)) = self.closed.springs.get(k);
         }
         let first = out.integers.len();
         touching.save(out);
@@ -158,7 +160,7 @@ impl GatheredPairs {
         let broken = list.restore([count; 2], count, integers, numbers)?;
         touching.find(&list)?;
         let keys = self.list.restore(&list, broken)?;
-        let closed_pairs: Vec<usize> = (0..keys.len()).filter(|k| list.springs[*k].closed).collect();
+        let closed_pairs: Vec<usize> = (0..keys.len()).filter(|k| list.springs.get(*k).closed).collect();
         let mut ids: Vec<u32> = closed_pairs.iter().flat_map(|k| keys[*k].ends).collect();
         ids.sort_unstable();
         ids.dedup();
@@ -170,7 +172,7 @@ impl GatheredPairs {
         let gathered = &self.gathered;
         touching.renumber(|id| gathered.place(id).unwrap_or_default() as u32);
         self.closed.pairs = closed_pairs.iter().map(|k| list.pairs[*k]).collect();
-        self.closed.springs = closed_pairs.iter().map(|k| list.springs[*k]).collect();
+        self.closed.springs = closed_pairs.iter().map(|k| list.springs.get(*k)).collect();
         self.keys = closed_pairs.iter().map(|k| keys[*k]).collect();
         Some(())
     }

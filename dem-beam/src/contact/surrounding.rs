@@ -22,7 +22,7 @@ impl Surrounding {
         let centres: Vec<[f64; 3]> = grains.now.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();
         let near = Halo::near(owned, &centres, reach)?;
         let owned = grains.len();
-        let mut rest_spheres = grains.rest_spheres.clone();
+        let mut rest_spheres = grains.rest_spheres.to_vec();
         rest_spheres.resize(owned + near.ghosts().len(), [0.0; 4]);
         let (local, around) = rest_spheres.split_at_mut(owned);
         near.exchange::<4>(&mut near.messages(4), |i| local[i], |ghost, s| around[ghost] = s)?;

@@ -65,7 +65,7 @@ impl Touching {
         let dt = instants[0].dt;
         for a in &self.active {
             let power = a.power([instants[0].v_half, instants[instants.len() - 1].v_half]);
-            listed.springs[a.pair].budget -= 0.5 * dt * (power - a.expected);
+            listed.springs.get_mut(a.pair).budget -= 0.5 * dt * (power - a.expected);
         }
     }
 
@@ -100,14 +100,13 @@ impl Touching {
                 count - 1 - n
             };
             let (k, overlap) = listed.touching()[place];
-            let spring = &mut listed.springs[k];
             if overlap > 0.0 {
                 let ends = listed.pairs[k].ends;
                 check_overlap(ends, overlap, grains)?;
-                self.close((k, ends, overlap), spring, grains, instants, f);
-            } else if spring.closed {
+                self.close((k, ends, overlap), listed.springs.get_mut(k), grains, instants, f);
+            } else {
                 // An open contact forgets its sliding, its rolling and its budget.
-                *spring = Spring::default();
+                listed.springs.take(k);
             }
         }
         self.law.end(instants[0].dt);
@@ -357,7 +356,7 @@ fn pair(
         reduced_radius: a[3] * b[3] / (a[3] + b[3]),
         // The point of contact divides the distance of the centres in proportion to the radii.
         arms: [a[3], b[3]].map(|r| distance * r / (a[3] + b[3])),
-        share: grains[0].share[i].min(grains[1].share[j]),
+        share: grains[0].share(i).min(grains[1].share(j)),
         inverse_mass: grains[0].inverse_mass(i) + grains[1].inverse_mass(j),
         motion: [
             grains[0].motion(&instants[0], i),

@@ -10,6 +10,7 @@
 use super::Spring;
 use super::grains::Grains;
 use super::neighbours::{Candidate, distance};
+use super::sparse::Sparse;
 use crate::packing::cells::Sphere;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -164,7 +165,7 @@ impl Watch {
         &mut self,
         grains: &[Grains],
         q: &[&[f64]],
-        (pairs, springs): (&[Candidate], &[Spring]),
+        (pairs, springs): (&[Candidate], &Sparse<Spring>),
         (search, skin, built): (usize, f64, &[Sphere]),
     ) {
         self.gaps.resize(pairs.len(), 0.0);
@@ -177,8 +178,8 @@ impl Watch {
             self.gaps.iter_mut().zip(pairs).for_each(measure);
         }
         self.touching.clear();
-        for (k, (gap, spring)) in self.gaps.iter_mut().zip(springs).enumerate() {
-            if *gap < 0.0 || spring.closed {
+        for (k, gap) in self.gaps.iter_mut().enumerate() {
+            if *gap < 0.0 || springs.get(k).closed {
                 self.touching.push((k, -*gap));
                 *gap = f64::NEG_INFINITY;
             }

@@ -275,8 +275,13 @@ impl FractureState {
     /// Load of a bond over its strength \[–\] under a criterion of bonds.
     #[inline]
     pub(crate) fn ratio(&self, body: &BondedParticles, reader: &Reader<'_>, b: usize) -> f64 {
-        let strain = Self::strain(body, reader, b);
-        self.spec.criterion.value(&self.section, &strain) / self.strength[b]
+        self.ratio_of(b, &Self::strain(body, reader, b))
+    }
+
+    /// Load over strength of a bond in a state of strain \[–\], like [`Self::ratio`].
+    #[inline]
+    pub(crate) fn ratio_of(&self, b: usize, strain: &Strain) -> f64 {
+        self.spec.criterion.value(&self.section, strain) / self.strength[b]
     }
 
     /// Local number of a bond of the whole body, if this rank has it.

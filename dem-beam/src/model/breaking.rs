@@ -203,7 +203,7 @@ impl DemModel {
         blocks.clear();
         let mut change = |bond: usize| {
             let owned = self.body.pairs()[bond].into_iter().map(|i| i as usize);
-            let owned = owned.filter(|i| *i < self.nodes.len());
+            let owned = owned.filter(|i| *i < self.centres().len());
             blocks.extend(owned.map(|i| i / LANES));
         };
         fracture.now.iter().for_each(|b| change(*b as usize));
@@ -230,7 +230,7 @@ impl DemModel {
             .map(FractureState::save)
             .unwrap_or_default();
         if self.has_finite_rotations() {
-            let turns = self.kernel.save(self.nodes.len());
+            let turns = self.kernel.save(self.centres().len());
             // Rank 0 saves the orientations of the whole body. The run reports an error between ranks.
             let turns = self.owned().gather(7, &turns).ok().flatten();
             out.numbers.extend(turns.iter().flat_map(|t| t.iter()));

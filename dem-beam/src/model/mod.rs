@@ -42,6 +42,7 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::Linear;
 use crate::kernel::order::block_order;
 use crate::numbered::Numbered;
+use crate::packing::cells::{Sphere, spheres};
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::effect::Finding;
@@ -58,17 +59,18 @@ use lazy::Kernel;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Spheres joined by cohesive beams, a model that can be coupled.
 #[derive(Debug)]
 pub struct DemModel {
     name: String,
     body: BondedParticles,
-    nodes: Vec<Point3<f64>>,
     /// Unweighted mass \[kg\] and rotational inertia \[kg m²\].
-    mass: Vec<f64>,
+    mass: Arc<Vec<f64>>,
     inertia: Vec<f64>,
+    /// Spheres at rest for all contacts of the model, made when the first one asks for them.
+    spheres: OnceLock<Arc<Vec<Sphere>>>,
     /// Packing number of each of the model's particles, and the inverse map.
     order: Vec<u32>,
     places: Vec<u32>,
@@ -179,13 +181,13 @@ impl DemModel {
         let body =
             BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
         // Nodes are the centres on the kernel's grid, about which the moments of bond forces balance.
-        let nodes: Vec<Point3<f64>> = body.positions().iter().map(|x| Point3::from(*x)).collect();
-        let field = ParticleField::new(nodes.clone(), &volumes)?.with_gradients(body.pairs())?;
+        let nodes = body.positions().iter().map(|x| Point3::from(*x)).collect();
+        let field = ParticleField::new(nodes, &volumes)?.with_gradients(body.pairs())?;
         Ok(Self {
             name: name.to_owned(),
             field: Arc::new(field),
-            nodes,
-            mass: body.mass().to_vec(),
+            mass: Arc::new(body.mass().to_vec()),
+            spheres: OnceLock::new(),
             inertia: body.inertia().to_vec(),
             order,
             places,
@@ -200,6 +202,11 @@ impl DemModel {
             numbered: None,
             body,
         })
+    }
+
+    /// Centres of the owned particles: the nodes, which the field holds.
+    fn centres(&self) -> &[Point3<f64>] {
+        self.field.nodes()
     }
 
     /// Gives the body several materials. For each place, `grades` returns the Young's modulus of the beams
@@ -217,9 +224,10 @@ impl DemModel {
                 what: "materials after finite rotations or fracture",
             });
         }
-        let (stiffness, density): (Vec<f64>, Vec<f64>) = self.nodes.iter().map(|x| grades(x).into()).unzip();
+        let (stiffness, density): (Vec<f64>, Vec<f64>) =
+            self.centres().iter().map(|x| grades(x).into()).unzip();
         self.body.grade(&stiffness, &density)?;
-        self.mass = self.body.mass().to_vec();
+        self.mass = Arc::new(self.body.mass().to_vec());
         self.inertia = self.body.inertia().to_vec();
         self.kernel.renew();
         Ok(self)
@@ -262,6 +270,15 @@ impl DemModel {
     #[must_use]
     pub fn masses(&self) -> &[f64] {
         &self.mass
+    }
+
+    pub(crate) fn shared_masses(&self) -> Arc<Vec<f64>> {
+        self.mass.clone()
+    }
+
+    pub(crate) fn shared_spheres(&self) -> Arc<Vec<Sphere>> {
+        let made = || Arc::new(spheres(self.body.positions(), self.body.radii()));
+        self.spheres.get_or_init(made).clone()
     }
 
     /// Unweighted rotational inertias \[kg m²\].
@@ -324,14 +341,14 @@ impl Model<f64> for DemModel {
 
     fn layout(&self) -> DofLayout {
         DofLayout {
-            nodes: self.nodes.len(),
+            nodes: self.centres().len(),
             components: 3,
             rotations: 3,
         }
     }
 
     fn nodes(&self) -> &[Point3<f64>] {
-        &self.nodes
+        self.centres()
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
@@ -412,7 +429,7 @@ impl Model<f64> for DemModel {
     }
 
     fn owned(&self) -> Owned {
-        let whole = || Owned::whole(self.nodes.len());
+        let whole = || Owned::whole(self.centres().len());
         self.halo.as_ref().map_or_else(whole, |h| h.owned().clone())
     }
 
@@ -463,7 +480,7 @@ impl KeptMeans<f64> for DemModel {
 
 impl StepBound<f64> for DemModel {
     fn step_bound(&self, inverse_inertia: &[f64]) -> f64 {
-        let top = critical::bound(&self.body, self.nodes.len(), inverse_inertia);
+        let top = critical::bound(&self.body, self.centres().len(), inverse_inertia);
         spectrum::step_of(self.owned().largest(top))
     }
 }

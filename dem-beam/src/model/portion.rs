@@ -14,7 +14,7 @@ use arlequin_core::{Interpolation, Model, Owned, ParticleField};
 use nalgebra::Vector3;
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Work of coupling a particle of an overlap once per macro step, in half-bonds: 25 ns, against 38 ns for all
 /// else (decision 0046). A half-bond is a bond as the kernel stores it with one of its ends.
@@ -32,7 +32,7 @@ impl DemModel {
             let is_coupled = self.in_overlap(b);
             pair.iter().for_each(|i| coupled[*i as usize] |= is_coupled);
         }
-        Unit::from_nodes(&self.nodes, |particles| {
+        Unit::from_nodes(self.centres(), |particles| {
             let coupled = particles.clone().filter(|i| coupled[*i]).count();
             (work(&bonds[particles]) + coupled * COUPLING) as f64
         })
@@ -72,7 +72,7 @@ impl DemModel {
         &mut self,
         communicator: &Arc<dyn Communicator>,
     ) -> Result<Arc<dyn Interpolation<f64>>> {
-        let division = Division::bisect(self.nodes.len(), &self.units(), communicator.ranks());
+        let division = Division::bisect(self.centres().len(), &self.units(), communicator.ranks());
         let division = division.map_err(arlequin_core::Error::from)?;
         self.keep_part(&division, communicator.clone())?;
         Ok(self.field.clone())
@@ -83,11 +83,11 @@ impl DemModel {
         let what = "the bodies of particles that they have made";
         ranks::agree(&*communicator, what, self.digest()).map_err(arlequin_core::Error::from)?;
         let ownership = Owned::divided(division.clone(), communicator)?;
-        if division.nodes() != self.nodes.len() {
+        if division.nodes() != self.centres().len() {
             return Err(Error::LengthMismatch {
                 what: "particles of the division",
                 found: division.nodes(),
-                expected: self.nodes.len(),
+                expected: self.centres().len(),
             });
         }
         let owned: Vec<usize> = (0..ownership.nodes()).map(|i| ownership.global(i)).collect();
@@ -95,14 +95,15 @@ impl DemModel {
         let numbers: Vec<u32> = owned.iter().map(|i| *i as u32).collect();
         let bonds = self.body.pairs().len();
         let (body, bond_numbers) = self.body.part(&numbers, halo.ghosts());
-        self.nodes = owned.iter().map(|i| self.nodes[*i]).collect();
-        self.mass = owned.iter().map(|i| self.mass[*i]).collect();
+        let nodes = owned.iter().map(|i| self.centres()[*i]).collect();
+        self.mass = Arc::new(owned.iter().map(|i| self.mass[*i]).collect());
+        self.spheres = OnceLock::new();
         self.inertia = owned.iter().map(|i| self.inertia[*i]).collect();
         self.order = owned.iter().map(|i| self.order[*i]).collect();
         self.places = Vec::new();
         let samples = self.volumes();
         let volumes: Vec<f64> = owned.iter().map(|i| samples[*i]).collect();
-        self.field = Arc::new(ParticleField::new(self.nodes.clone(), &volumes)?);
+        self.field = Arc::new(ParticleField::new(nodes, &volumes)?);
         self.kernel.renew();
         self.unit_bonds = bonds_of_units(body.pairs(), owned.len());
         self.body = body;

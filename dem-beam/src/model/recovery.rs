@@ -24,6 +24,7 @@
 use super::DemModel;
 use super::poses::Reader;
 use crate::finite;
+use crate::fracture::criterion::Strain;
 use crate::fracture::state::FractureState;
 use crate::fracture::{BreakLog, locked};
 use arlequin_core::{
@@ -34,7 +35,7 @@ use rayon::prelude::*;
 /// Bonds whose values wait at a time for their sums over particles.
 const BATCH: usize = 1 << 14;
 
-/// Force, moment and energy that a bond carries without its weight.
+/// Force, moment and energy that a bond carries without its weight, and its load over its strength.
 #[derive(Debug)]
 struct Carried {
     /// Vector between the centres \[m\] ⊗ force on the first particle \[N\], symmetric part.
@@ -42,6 +43,8 @@ struct Carried {
     axial: f64,
     shear: f64,
     energy: f64,
+    /// Zero without a criterion of bonds.
+    utilisation: f64,
 }
 
 impl Carried {
@@ -50,6 +53,7 @@ impl Carried {
         axial: 0.0,
         shear: 0.0,
         energy: 0.0,
+        utilisation: 0.0,
     };
 }
 
@@ -60,10 +64,11 @@ impl DemModel {
     }
 
     /// Returns what bond `b` carries. Vectors between centres are deformed ones under finite rotations, those
-    /// at rest under small ones.
-    fn carried(&self, b: usize, reader: &Reader<'_>) -> Carried {
+    /// at rest under small ones. `strength` is that of a criterion of bonds.
+    fn carried(&self, b: usize, reader: &Reader<'_>, strength: Option<&FractureState>) -> Carried {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
-        let mut bond = self.body.bond(b);
+        let weighted = self.body.bond(b);
+        let mut bond = weighted;
         match self.body.weights()[b] {
             // Divides the stiffness that the ledger counts, damage included, so that its rounding is the
             // same.
@@ -72,11 +77,13 @@ impl DemModel {
         }
         let rest_span = bond.span();
         let rigidity = &reader.rigidity;
-        let (span, force, energy) = match reader.poses([i, j]) {
+        let utilisation = |strain: &dyn Fn() -> Strain| strength.map_or(0.0, |f| f.ratio_of(b, &strain()));
+        let (span, force, energy, utilisation) = match reader.poses([i, j]) {
             Some([first, second]) => (
                 rest_span + second.displacement - first.displacement,
                 finite::wrenches(&bond, rigidity, &first, &second).0.linear,
                 finite::energy(&bond, rigidity, &first, &second),
+                utilisation(&|| Strain::finite(&weighted, &first, &second)),
             ),
             None => {
                 let [first, second] = [reader.twist(i), reader.twist(j)];
@@ -84,6 +91,7 @@ impl DemModel {
                     rest_span,
                     bond.wrenches(rigidity, &first, &second).0.linear,
                     bond.energy(rigidity, &first, &second),
+                    utilisation(&|| Strain::linear(&weighted, &first, &second)),
                 )
             }
         };
@@ -94,6 +102,7 @@ impl DemModel {
             axial,
             shear: (force - along * axial).norm(),
             energy,
+            utilisation,
         }
     }
 
@@ -101,7 +110,7 @@ impl DemModel {
     /// nothing under one of bonds. Collective.
     fn particle_loads(&self, fracture: &FractureState, reader: &Reader<'_>) -> Vec<f64> {
         let load = |i| fracture.particle_load(&self.body, reader, i);
-        let mut out: Vec<f64> = (0..self.nodes.len()).map_while(load).collect();
+        let mut out: Vec<f64> = (0..self.centres().len()).map_while(load).collect();
         if let Some(halo) = self
             .halo
             .as_ref()
@@ -128,8 +137,8 @@ impl Recovery<f64> for DemModel {
     /// Collective for a partitioned body; `nodes` are numbers of this rank's part.
     fn recover(&self, q: &[f64], nodes: &[usize], out: &mut Vec<Recovered<f64>>) -> Result<()> {
         check_size(self, "displacements", q.len())?;
-        if let Some(k) = nodes.iter().find(|k| **k >= self.nodes.len()) {
-            let rule = format!("'{}' has {} particles", self.name, self.nodes.len());
+        if let Some(k) = nodes.iter().find(|k| **k >= self.centres().len()) {
+            let rule = format!("'{}' has {} particles", self.name, self.centres().len());
             return Err(invalid("number of a particle", k, &rule));
         }
         // The order of its rows is that of the bonds, so that the sums have the bits of those in frames.
@@ -145,7 +154,7 @@ impl Recovery<f64> for DemModel {
             let mut sum = [0.0; 6];
             let bonds = adjacency.row(i).iter();
             for &[j, b] in bonds.filter(|e| !self.is_idle(broken, e[1] as usize)) {
-                let carried = self.carried(b as usize, &reader);
+                let carried = self.carried(b as usize, &reader, None);
                 // Seen from the second particle, span and force both change sign, so their product holds for
                 // either end.
                 add_share(&mut sum, &carried, radii[i] / (radii[i] + radii[j as usize]));
@@ -172,33 +181,28 @@ impl Links<f64> for DemModel {
             ghosts: &ghosts,
             ..self.reader(q)
         };
-        let (pairs, owned) = (self.body.pairs(), self.nodes.len());
+        let (pairs, owned) = (self.body.pairs(), self.centres().len());
         let strength = self.fracture.as_ref().or(self.watched.as_ref());
         let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
-        let utilisation = |f: &FractureState, b: usize| {
+        let of_bonds = strength.filter(|_| loads.is_empty());
+        let carried = |b: usize| {
             if self.is_idle(broken, b) {
-                return 0.0;
+                return Carried::NOTHING;
             }
-            match pairs[b].map(|i| loads.get(i as usize).copied()) {
+            let mut carried = self.carried(b, &reader, of_bonds);
+            if let [Some(i), Some(j)] = pairs[b].map(|i| loads.get(i as usize)) {
                 // A bond breaks with the particle of the larger load.
-                [Some(i), Some(j)] => i.max(j),
-                _ => f.ratio(&self.body, &reader, b),
+                carried.utilisation = i.max(*j);
             }
-        };
-        let carried = |b: usize| match self.is_idle(broken, b) {
-            true => Carried::NOTHING,
-            false => self.carried(b, &reader),
+            carried
         };
         let mut out = LinkSurvey {
             stresses: vec![SymmetricTensor::zero(); owned],
             densities: vec![0.0; owned],
             axial: Vec::with_capacity(pairs.len()),
             shear: Vec::with_capacity(pairs.len()),
-            utilisation: strength.map(|f| {
-                let bonds = (0..pairs.len()).into_par_iter();
-                bonds.map(|b| utilisation(f, b)).collect()
-            }),
+            utilisation: strength.map(|_| Vec::with_capacity(pairs.len())),
         };
         let mut batch = Vec::with_capacity(BATCH.min(pairs.len()));
         for first in (0..pairs.len()).step_by(BATCH) {
@@ -212,6 +216,9 @@ impl Links<f64> for DemModel {
             for (values, pair) in batch.iter().zip(&pairs[bonds]) {
                 out.axial.push(values.axial);
                 out.shear.push(values.shear);
+                out.utilisation
+                    .iter_mut()
+                    .for_each(|u| u.push(values.utilisation));
                 let [i, j] = pair.map(|i| i as usize);
                 for (k, other) in [(i, j), (j, i)].into_iter().filter(|e| e.0 < owned) {
                     let share = radii[k] / (radii[k] + radii[other]);

@@ -38,7 +38,7 @@ impl DemModel {
     /// of its particles.
     #[must_use]
     pub fn report(&self) -> DemReport {
-        let (n, bonds) = (self.nodes.len(), self.body.pairs().len());
+        let (n, bonds) = (self.centres().len(), self.body.pairs().len());
         let mut bonds_of_particles = self.bond_counts();
         // Only owned particles have blocks in the kernel.
         bonds_of_particles.truncate(n);

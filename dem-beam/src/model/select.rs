@@ -22,8 +22,8 @@ impl DemModel {
     /// Returns the particles whose centres fulfil a condition, ascending.
     #[must_use]
     pub fn select(&self, condition: impl Fn(&Point3<f64>) -> bool) -> Vec<usize> {
-        (0..self.nodes.len())
-            .filter(|&i| condition(&self.nodes[i]))
+        (0..self.centres().len())
+            .filter(|&i| condition(&self.centres()[i]))
             .collect()
     }
 
@@ -33,8 +33,8 @@ impl DemModel {
     pub fn clamp_layer(&self, wall: &Point3<f64>, normal: &Vector3<f64>) -> Vec<usize> {
         let n = normal.normalize();
         let (radii, gap) = (self.body.radii(), TOUCH * self.body.mean_radius());
-        let touches = |i: &usize| n.dot(&(self.nodes[*i] - wall)).abs() < radii[*i] + gap;
-        (0..self.nodes.len()).filter(touches).collect()
+        let touches = |i: &usize| n.dot(&(self.centres()[*i] - wall)).abs() < radii[*i] + gap;
+        (0..self.centres().len()).filter(touches).collect()
     }
 
     /// Returns the particles that touch any of the triangles (corners in m): the layer at a face of any
@@ -47,13 +47,13 @@ impl DemModel {
             .map(|[a, b, c]| (a.inf(b).inf(c), a.sup(b).sup(c)))
             .collect();
         let touches = |i: &usize| {
-            let (x, reach) = (self.nodes[*i].coords, radii[*i] + gap);
+            let (x, reach) = (self.centres()[*i].coords, radii[*i] + gap);
             triangles.iter().zip(&boxes).any(|(t, (low, high))| {
                 let is_in_box = (0..3).all(|a| x[a] > low[a] - reach && x[a] < high[a] + reach);
                 is_in_box && (closest_on_triangle(&x, t) - x).norm() < reach
             })
         };
-        (0..self.nodes.len()).filter(touches).collect()
+        (0..self.centres().len()).filter(touches).collect()
     }
 
     /// Returns the displacement unknowns of particles along the marked axes.
@@ -65,7 +65,7 @@ impl DemModel {
     /// Returns the rotation unknowns of particles about the marked axes.
     #[must_use]
     pub fn rotations(&self, particles: &[usize], axes: [bool; 3]) -> Vec<usize> {
-        self.unknowns(3 * self.nodes.len(), particles, axes)
+        self.unknowns(3 * self.centres().len(), particles, axes)
     }
 
     /// Returns all six unknowns of particles, for a clamp.
@@ -137,7 +137,7 @@ impl DemModel {
             finite("torque", "component", axis, *m)?;
         }
         let shares = self.shares(particles, share)?;
-        let position = |i: usize| self.nodes[i].coords;
+        let position = |i: usize| self.centres()[i].coords;
         let centre: Vector3<f64> = particles
             .iter()
             .zip(&shares)
@@ -178,7 +178,7 @@ impl DemModel {
         if particles.is_empty() {
             return refuse("select at least one; check the condition against the extent of the body");
         }
-        if particles.iter().any(|&i| i >= self.nodes.len()) {
+        if particles.iter().any(|&i| i >= self.centres().len()) {
             return refuse("one of them does not exist in this model");
         }
         let part = |&i: &usize| match share {

@@ -33,7 +33,7 @@ impl DemModel {
         let position = |i: usize| self.body.positions()[i] + reader.twist(i).linear;
         let gone = |i: &usize| {
             let mut bonds = fracture.adjacency.row(*i).iter();
-            *i < self.nodes.len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
+            *i < self.centres().len() && bonds.all(|e| log.is_broken_here(e[1] as usize))
         };
         let owned = self.owned();
         let global = |i: &usize| owned.global(*i) as i64;

@@ -114,7 +114,7 @@ impl DemModel {
         q: &[f64],
         log: &BreakLog,
     ) -> arlequin_core::Result<Option<(usize, f64)>> {
-        let owned = self.nodes.len();
+        let owned = self.centres().len();
         let mut at_rest = spheres(&self.body.positions()[..owned], &self.body.radii()[..owned]);
         let mut displaced = neighbours::displaced(&at_rest, q);
         let centres: Vec<[f64; 3]> = displaced.iter().map(|[x, y, z, _]| [*x, *y, *z]).collect();

@@ -49,10 +49,10 @@ impl DemModel {
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;
-        let alone = |i: usize| weight.value(&self.nodes[i]).max(0.0);
+        let alone = |i: usize| weight.value(&self.centres()[i]).max(0.0);
         let means = self.body.mean_over_bonds(bonds, alone);
-        let (linear, angular) = out.split_at_mut(3 * self.nodes.len());
-        for (i, w) in means.iter().enumerate().take(self.nodes.len()) {
+        let (linear, angular) = out.split_at_mut(3 * self.centres().len());
+        for (i, w) in means.iter().enumerate().take(self.centres().len()) {
             linear[3 * i..3 * i + 3].fill(w * self.mass[i]);
             angular[3 * i..3 * i + 3].fill(w * self.inertia[i]);
         }

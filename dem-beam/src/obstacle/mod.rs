@@ -21,7 +21,7 @@ mod start;
 
 pub use arlequin_core::contact::{Motion, RigidShape};
 
-use crate::contact::{self, ContactBody, ContactLaw, Grains};
+use crate::contact::{self, ContactBody, ContactLaw, Grains, Sparse};
 use crate::error::Result;
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
@@ -64,7 +64,7 @@ struct Body {
     grains: Grains,
     /// Gap of each particle at rest if it overlaps the obstacle (negative), else zero \[m\].
     allowed: Vec<f64>,
-    springs: Vec<Spring>,
+    springs: Sparse<Spring>,
     near: Near,
     active: Vec<Active>,
     /// True once the state before the first step has been checked.
@@ -102,7 +102,9 @@ impl Obstacle {
     /// if centres of particles lie inside the shape.
     pub fn of_body(model: &DemModel, body: &SharedBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
-        let grains = Grains::new(ContactBody::from_model(model));
+        let mut grains = Grains::new(ContactBody::from_model(model));
+        // Places are found from displacements, only of the particles near the obstacle.
+        grains.now = Vec::new();
         let rigid = body.lock();
         let name = rigid.name().to_owned();
         start::check(
@@ -120,7 +122,7 @@ impl Obstacle {
             share: 0,
             allowed,
             partition: None,
-            springs: vec![Spring::default(); grains.len()],
+            springs: Sparse::new(grains.len()),
             near: Near::new(&grains.rest_spheres),
             active: Vec::new(),
             checked: false,
@@ -195,9 +197,9 @@ impl Body {
             let power = contact::power(instant.v_half, i, &a.force, &a.torque);
             let excess = power + rigid.driven_power(&a.force, None) - a.expected;
             if rigid.is_shared() && self.law.begun {
-                self.springs[i].settle(instant.dt, excess, a.force.norm());
+                self.springs.get_mut(i).settle(instant.dt, excess, a.force.norm());
             } else {
-                self.springs[i].budget -= 0.5 * instant.dt * excess;
+                self.springs.get_mut(i).budget -= 0.5 * instant.dt * excess;
             }
         }
     }
@@ -224,7 +226,7 @@ impl Body {
             arms: rigid
                 .turning()
                 .map_or([0.0, r - gap], |(radius, _)| [radius, distance]),
-            share: self.grains.share[i],
+            share: self.grains.share(i),
             inverse_mass: self.grains.inverse_mass(i) + rigid.inverse_inertia()[0],
             motion: [Twist { linear, angular }, self.grains.motion(instant, i)],
         }
@@ -237,12 +239,9 @@ impl Body {
         instant: &Instant<'_, f64>,
         f: &mut [f64],
     ) -> arlequin_core::Result<()> {
-        let springs = &mut self.springs;
         // A particle off the list cannot touch: its contact starts anew when it returns.
         let lost = |i: usize| {
-            if springs[i].closed {
-                springs[i] = Spring::default();
-            }
+            self.springs.take(i);
         };
         let u = &instant.q[..3 * self.grains.len()];
         let rest_spheres = &self.grains.rest_spheres;
@@ -277,8 +276,8 @@ impl Body {
                 self.check_depth(&centre, -distance, rigid)?;
                 let pair = self.pair(rigid, i, gap, distance, normal, instant);
                 self.close(i, &pair, rigid, instant, f);
-            } else if self.springs[i].closed {
-                self.springs[i] = Spring::default();
+            } else {
+                self.springs.take(i);
             }
         }
         self.law.end(instant.dt);
@@ -304,7 +303,7 @@ impl Body {
         let turns = rigid.turning().is_some();
         let r = self
             .law
-            .respond(pair, turns, ends, instant.dt, &mut self.springs[i]);
+            .respond(pair, turns, ends, instant.dt, self.springs.get_mut(i));
         self.grains.push(i, &r.force, &r.torque[1]);
         rigid.push(self.share, &-r.force, &r.torque[0]);
         self.active.push(Active {

@@ -4,7 +4,7 @@
 use super::near::{Near, place};
 use super::{Active, Body, allowed};
 use crate::contact::gathered::Gathered;
-use crate::contact::{Grains, Spring};
+use crate::contact::{Grains, Sparse, Spring};
 use arlequin_core::Owned;
 use arlequin_core::contact::RigidBody;
 use arlequin_core::effect::{Host, Instant};
@@ -31,7 +31,7 @@ impl Body {
         let mut grains = std::mem::replace(&mut self.grains, Grains::from_contact_data(&[]));
         grains.restrict(&owned, effect)?;
         grains.attach(host, effect)?;
-        (self.allowed, self.springs) = (Vec::new(), Vec::new());
+        (self.allowed, self.springs) = (Vec::new(), Sparse::default());
         self.partition = Some(PartitionState {
             owned,
             allowed: allowed(self.body.lock().shape(), &grains.rest_spheres),
@@ -76,10 +76,10 @@ impl Body {
             Gathered::gather(&partition.owned, &members, &partition.grains, instant, f)?;
         let known = std::mem::replace(&mut partition.gathered, gathered);
         let gathered = &partition.gathered;
-        let mut springs = vec![Spring::default(); gathered.ids.len()];
-        for (id, spring) in known.ids.iter().zip(&self.springs) {
-            if let Some(k) = gathered.place(*id) {
-                springs[k] = *spring;
+        let mut springs = Sparse::new(gathered.ids.len());
+        for (k, spring) in self.springs.iter() {
+            if let Some(k) = gathered.place(known.ids[k]) {
+                *springs.get_mut(k) = spring;
             }
         }
         for a in &mut self.active {
@@ -115,15 +115,15 @@ impl Body {
     }
 
     /// Springs of all particles of the whole body.
-    pub(super) fn all_springs(&self) -> Cow<'_, [Spring]> {
+    pub(super) fn all_springs(&self) -> Cow<'_, Sparse<Spring>> {
         let Some(partition) = &self.partition else {
-            return Cow::from(&self.springs);
+            return Cow::Borrowed(&self.springs);
         };
-        let mut out = vec![Spring::default(); self.owned().0.nodes_of_whole()];
-        for (id, spring) in partition.gathered.ids.iter().zip(&self.springs) {
-            out[*id as usize] = *spring;
+        let mut out = Sparse::new(partition.owned.nodes_of_whole());
+        for (k, spring) in self.springs.iter() {
+            *out.get_mut(partition.gathered.ids[k] as usize) = spring;
         }
-        out.into()
+        Cow::Owned(out)
     }
 
     /// Rebuilds the list of touching particles after a restore, when springs and closed contacts have numbers
@@ -132,14 +132,11 @@ impl Body {
         let Some(partition) = &mut self.partition else {
             return;
         };
-        let closed = (0..)
-            .zip(&self.springs)
-            .filter(|(_, s)| s.closed)
-            .map(|(id, _)| id);
+        let closed = self.springs.iter().map(|(id, _)| id as u32);
         let mut ids: Vec<u32> = closed.chain(self.active.iter().map(|a| a.particle)).collect();
         ids.sort_unstable();
         ids.dedup();
-        self.springs = ids.iter().map(|id| self.springs[*id as usize]).collect();
+        self.springs = ids.iter().map(|id| self.springs.get(*id as usize)).collect();
         partition.gathered = Gathered::from_ids(ids);
         partition.gathered.find_owned(&partition.owned);
         for a in &mut self.active {

@@ -2,7 +2,7 @@
 //! body.
 
 use super::{Active, Body};
-use crate::contact::Spring;
+use crate::contact::{Sparse, Spring};
 use arlequin_core::contact::RigidBody;
 use arlequin_core::snapshot::Record;
 use nalgebra::Vector3;
@@ -24,7 +24,8 @@ impl Body {
         out.integers
             .extend([self.law.begun, self.backwards].map(u64::from));
         out.numbers.push(self.law.supplied);
-        for s in self.all_springs().iter() {
+        let springs = self.all_springs();
+        for s in (0..self.owned().0.nodes_of_whole()).map(|i| springs.get(i)) {
             out.integers.push(u64::from(s.closed));
             out.numbers.extend(s.numbers());
         }
@@ -56,9 +57,10 @@ impl Body {
         let (springs, pushed) = from.numbers[BALANCE..].split_at(SPRING * n);
         let (closed, particles) = from.integers[3..].split_at(n);
         let saved = closed.iter().zip(springs.as_chunks::<SPRING>().0);
-        self.springs = saved
-            .map(|(closed, x)| Spring::from_numbers(*closed == 1, *x))
-            .collect();
+        self.springs = Sparse::new(n);
+        for (i, (_, x)) in saved.enumerate().filter(|(_, (closed, _))| **closed == 1) {
+            *self.springs.get_mut(i) = Spring::from_numbers(true, *x);
+        }
         self.active.clear();
         for (particle, x) in particles.iter().zip(pushed.as_chunks::<PUSH>().0) {
             if *particle >= n as u64 {

@@ -56,10 +56,11 @@ pub(super) fn at_points(
     if let Some(piece) = piece {
         return piece.with_ghosts(components, &local_values);
     }
-    let gathered = s
-        .owned()
-        .gather(components, &local_values)
-        .map_err(core("ranks"))?;
+    let owned = s.owned();
+    if !owned.is_part() {
+        return Ok(local_values);
+    }
+    let gathered = owned.gather(components, &local_values).map_err(core("ranks"))?;
     Ok(gathered.map(Cow::into_owned).unwrap_or_default())
 }
 

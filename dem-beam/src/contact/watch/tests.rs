@@ -20,8 +20,8 @@ fn body(edge: usize, at: [f64; 3], random: &mut Pcg64) -> Grains {
     let spheres: Vec<Sphere> = places.map(sphere).collect();
     Grains::new(ContactBody {
         name: "body".into(),
-        mass: vec![1.0; spheres.len()],
-        spheres,
+        mass: vec![1.0; spheres.len()].into(),
+        spheres: spheres.into(),
     })
 }
 
@@ -41,7 +41,7 @@ fn displacements(count: usize, step: usize, speed: f64, side: f64) -> Vec<f64> {
 fn close(listed: &mut Listed) -> Vec<([u32; 2], u64)> {
     let touching = listed.touching().to_vec();
     for (k, overlap) in &touching {
-        listed.springs[*k] = Spring {
+        *listed.springs.get_mut(*k) = Spring {
             closed: *overlap > 0.0,
             ..Spring::default()
         };
@@ -85,7 +85,7 @@ fn compare(bodies: &mut [Grains], speed: f64, steps: usize) -> [usize; 3] {
                     ends: [i as u32, j as u32],
                     rest_distance: 1.9,
                 });
-                list.listed.springs.push(Spring::default());
+                list.listed.springs.resize(list.listed.pairs.len());
             }
         }
         let [watched, naive] = &mut lists;
@@ -103,7 +103,7 @@ fn compare(bodies: &mut [Grains], speed: f64, steps: usize) -> [usize; 3] {
         assert_eq!(watched.listed.pairs, naive.listed.pairs, "step {step}");
         let [a, b] = [close(&mut watched.listed), close(&mut naive.listed)];
         assert_eq!(a, b, "step {step}");
-        let closed = |list: &CrossList| list.listed.springs.iter().filter(|s| s.closed).count();
+        let closed = |list: &CrossList| list.listed.springs.iter().filter(|(_, s)| s.closed).count();
         assert_eq!([closed(watched), closed(naive)], [a.len(); 2], "step {step}");
         pushing += a.len();
     }

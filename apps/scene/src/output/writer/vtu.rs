@@ -48,15 +48,14 @@ impl<'a> Appended<'a> {
         // In raw appended data, each array follows its length in 8 bytes.
         self.length += 8 + N * count;
         self.arrays.push(Box::new(move |file, block| {
-            block.clear();
-            block.extend(((N * count) as u64).to_le_bytes());
+            file.write_all(&((N * count) as u64).to_le_bytes())?;
             for first in (0..count).step_by(BLOCK) {
-                let here = items.by_ref().take(BLOCK.min(count - first));
-                here.for_each(|item| block.extend_from_slice(&item));
+                block.resize(N * BLOCK.min(count - first), 0);
+                let here = block.as_chunks_mut::<N>().0.iter_mut();
+                here.zip(items.by_ref()).for_each(|(to, item)| *to = item);
                 file.write_all(block)?;
-                block.clear();
             }
-            file.write_all(block)
+            Ok(())
         }));
     }
 
