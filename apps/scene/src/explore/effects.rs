@@ -61,6 +61,7 @@ struct Trace {
 /// # Errors
 /// A scene without probes, `repeat` of zero, or a failure of the run as given.
 pub fn compare(scene: &Scene, repeat: usize) -> Result<Comparison> {
+    scene.spec().refuse_following("effects")?;
     let folder = scene.folder();
     if repeat == 0 {
         return Err(value("--repeat", 0, "must be at least 1"));

@@ -28,9 +28,9 @@ pub struct Piece {
     pub particles: usize,
     /// Unweighted mass \[kg\].
     pub mass: f64,
-    /// Present centre of mass \[m\].
+    /// Present centre of mass \[m\], of the particles that are awake.
     pub centre: [f64; 3],
-    /// Velocity of the centre of mass \[m/s\].
+    /// Velocity of that centre \[m/s\].
     pub velocity: [f64; 3],
 }
 
@@ -68,6 +68,8 @@ pub struct Fragments {
 struct Sums {
     particles: usize,
     mass: f64,
+    /// Mass that is awake, and its first moment and momentum: what sleeps does not move with the body.
+    awake: f64,
     place: [f64; 3],
     momentum: [f64; 3],
 }
@@ -76,6 +78,7 @@ impl Sums {
     fn add(&mut self, other: &Self) {
         self.particles += other.particles;
         self.mass += other.mass;
+        self.awake += other.awake;
         for c in 0..3 {
             self.place[c] += other.place[c];
             self.momentum[c] += other.momentum[c];
@@ -89,8 +92,8 @@ impl Sums {
             number,
             particles: self.particles,
             mass: self.mass,
-            centre: self.place.map(|x| x / self.mass),
-            velocity: self.momentum.map(|p| p / self.mass),
+            centre: self.place.map(|x| x / self.awake),
+            velocity: self.momentum.map(|p| p / self.awake),
         }
     }
 }
@@ -136,20 +139,23 @@ impl Fragments {
             let log = locked(&b.breaks);
             let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();
             let whole = bonds.filter(|(k, _)| !log.is_broken(*k));
+            // Only models that are whole on one rank can sleep.
+            let sleeps = |i: usize| s.has_sleep() && s.is_asleep(i);
             let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
             // Each fragment has the number of its lowest particle, whose entry takes the sums.
             let mut sums = vec![Sums::default(); b.masses.len()];
             for (i, x) in b.grid.points.iter().enumerate() {
-                let m = b.masses[i];
+                let m = if sleeps(i) { 0.0 } else { b.masses[i] };
                 sums[piece[i] as usize].add(&Sums {
                     particles: 1,
-                    mass: m,
+                    mass: b.masses[i],
+                    awake: m,
                     place: [0, 1, 2].map(|c| m * (x[c] + q[3 * i + c])),
                     momentum: [0, 1, 2].map(|c| m * v[3 * i + c]),
                 });
             }
             let (mut pieces, mut dust) = (Vec::new(), Sums::default());
-            for s in sums.iter().filter(|s| s.particles > 0) {
+            for s in sums.iter().filter(|s| s.awake > 0.0) {
                 if s.particles == 1 {
                     dust.add(s);
                 } else {

@@ -20,7 +20,7 @@ mod look;
 mod places;
 
 use super::quiet::{Quiet, Seen};
-use crate::error::{Result, core, key};
+use crate::error::{Result, core, key, value};
 use crate::output::summary::Conversion;
 use crate::setup::{BODY, Bar, Built, Grid, Moving, Share};
 use arlequin::core::Coupled;
@@ -116,6 +116,13 @@ impl Follow {
         let speed = body_info.material.as_ref().map_or(0.0, |m| m.p_wave_speed());
         let crossing = body_info.spacing / (speed * built.run.dt());
         let every = moving.limits.every.unwrap_or(1.max(crossing.floor() as usize));
+        if moving.limits.every.is_some_and(|n| n > built.steps) {
+            let rule = format!(
+                "is more than the {} steps of the run: the zone would never look",
+                built.steps
+            );
+            return Err(value(format!("zone.{}.follow.every", moving.name), every, &rule));
+        }
         debug_assert_eq!(body.model().nodes().len(), moving.mesh()?.nodes().len());
         let of_elements = in_unit_strains((bonds, &of_bonds), nodes, &moving, centres.len());
         let first: Vec<bool> = shares.iter().map(|s| *s == Share::Zone).collect();
@@ -149,9 +156,33 @@ impl Follow {
             first,
         };
         out.rim = out.rim();
+        built.warnings.extend(out.check_first_overlap()?);
         let asleep = out.probes_asleep(built.run.time())?;
         built.warnings.extend(asleep);
         Ok(Some(out))
+    }
+
+    /// Tries the first overlap of a zone that begins empty, which is around one of the body's elements, and
+    /// returns a warning if it is narrow.
+    fn check_first_overlap(&self) -> Result<Option<String>> {
+        if self.state.core.contains(&true) {
+            return Ok(None);
+        }
+        let name = &self.moving.name;
+        let mut error = None;
+        for e in (0..self.barred.len()).filter(|e| self.barred[*e].is_none()) {
+            let mut core = vec![false; self.barred.len()];
+            core[e] = true;
+            match self.moving.moved(&core) {
+                Ok(moved) => return Ok(moved.narrow()),
+                Err(e) => error = Some(self.moving.place_of(e)),
+            }
+        }
+        Err(error.unwrap_or_else(|| {
+            let rule = "supports, loads or the border of follow.within are near to all elements: the zone could come nowhere; take a \
+                        narrower overlap.width, or a larger body";
+            key(format!("zone.{name}.overlap.width"), rule)
+        }))
     }
 
     /// Returns a warning for each probe whose model sleeps at its place, the first time that it does.
@@ -203,7 +234,7 @@ impl Follow {
             let [x, y, z]: [f64; 3] = self.middles[bond].into();
             warnings.push(self.warning_or_end(format!(
                 "zone '{}' woke too late: at {time} the body's field loads a bond that slept at ({x:.3e}, {y:.3e}, {z:.3e}) m to \
-                 {u:.2} of its strength; take a lower wake, a smaller every, or a larger shape",
+                 {u:.2} of its strength; take a lower wake, a smaller every, or a zone that begins there",
                 self.moving.name
             ))?);
         }

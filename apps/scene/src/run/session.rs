@@ -235,6 +235,10 @@ impl<'a> Session<'a> {
         // A resumed run has the warnings of its first part.
         self.intrusions.skip(&self.recorder.warnings);
         self.warn_of_intrusions(true, observer)?;
+        // Initial states may load bonds at once.
+        if self.run.steps() == 0 {
+            self.move_zone(observer)?;
+        }
         for made in self.run.steps() + 1..=self.steps {
             let energy = recorder::step(&mut self.run, &mut self.clock)?;
             let sampled = energy.is_some();

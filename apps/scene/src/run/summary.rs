@@ -132,7 +132,26 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
         .into_iter()
         .flat_map(|e| [turned(&e), lost(&e)])
         .flatten();
-    model_findings.map(text).chain(contacts).chain(warnings).collect()
+    let texts = model_findings.map(text).chain(contacts).chain(warnings);
+    texts.chain(rezoned(run)).collect()
+}
+
+/// Work of changes of weights, over the energy in play, above which a run says so.
+const LARGE_WORK: f64 = 0.05;
+
+/// Returns a warning if changes of weights have put in or taken out much of the energy in play: the moduli of
+/// all other works, or the present energy if that is more.
+fn rezoned(run: &Coupled<f64>) -> Option<String> {
+    let work: f64 = run.rezoning_works().into_iter().sum();
+    let works = run.works().into_iter().filter(|w| w.name != "rezoning");
+    let in_play = works.map(|w| w.work.abs()).sum::<f64>().max(run.energy());
+    (work.abs() > LARGE_WORK * in_play).then(|| {
+        format!(
+            "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres around a node of the body differ from \
+             its field by chance; take three spheres or more along each element, or let the zone begin where it will be needed",
+            100.0 * work.abs() / in_play
+        )
+    })
 }
 
 /// Turn of a surface in contact \[rad\] above which a run says so; a linear model strains by half of its

@@ -8,8 +8,8 @@ use super::names::BODY;
 use super::zone::{self, Cut, Mark, Piece, Use, Zone, check_region};
 use crate::error::{Error, Result, key, value};
 use crate::spec::{
-    FollowTable, Interface, MediatorTable, Method, ModelTable, ProfileKind, RoleKind, SceneSpec, Selection,
-    WeightTable, ZoneTable,
+    EffectKind, FollowTable, Interface, MediatorTable, Method, ModelTable, ProfileKind, RoleKind, SceneSpec,
+    Selection, WeightTable, ZoneTable,
 };
 use arlequin::core::Weighting;
 use std::collections::BTreeMap;
@@ -116,6 +116,13 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
                 ..spheres
             },
         };
+        // The zone grows before a bond of its overlap would have to break. What breaks there all the same is the
+        // work of a change: spheres at the outer border hang on one or two bonds.
+        for e in &mut scene.effect {
+            if let EffectKind::Fracture(f) = &mut e.kind {
+                f.spare_overlap = true;
+            }
+        }
         let between = interface(&name, &zone, piece(Use::Between(0)));
         scene.model.insert(name.clone(), spheres);
         scene.interface.insert(name, between);
@@ -146,6 +153,20 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
 pub(crate) fn following(scene: &LoweredScene) -> Option<(&str, &ZoneTable, &FollowTable)> {
     let mut zones = scene.zone.iter();
     zones.find_map(|(name, z)| z.follow.0.as_ref().map(|f| (name.as_str(), z, f)))
+}
+
+impl LoweredScene {
+    /// Refuses a zone that follows, for commands that do not move it.
+    ///
+    /// # Errors
+    /// A scene with such a zone.
+    pub(crate) fn refuse_following(&self, command: &str) -> Result<()> {
+        following(self).map_or(Ok(()), |(name, ..)| {
+            let rule =
+                format!("'arlequin {command}' does not move zones; remove follow, and give the zone a shape");
+            Err(key(format!("zone.{name}.follow"), rule))
+        })
+    }
 }
 
 /// Boxes in which loads and supports act on the body.
@@ -231,7 +252,10 @@ fn check_zone(name: &str, zone: &ZoneTable) -> Result<()> {
     match (&zone.shape, &zone.follow.0) {
         (Some(shape), _) => check_region(&format!("{path}.shape"), shape),
         (None, Some(_)) => Ok(()),
-        (None, None) => Err(key(path, "missing field `shape`")),
+        (None, None) => Err(key(
+            path,
+            "missing field `shape`; only a zone that follows can begin without one (follow = true)",
+        )),
     }
 }
 

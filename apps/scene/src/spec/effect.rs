@@ -295,7 +295,8 @@ pub struct Fracture {
     #[schemars(range(min = 1))]
     pub every: Option<usize>,
     /// True if bonds that lie in an overlap, wholly or in part, never break. This does not let a crack pass
-    /// the overlap: bonds that cannot break carry more load than the body's strength.
+    /// the overlap: bonds that cannot break carry more load than the body's strength. Always true with a zone
+    /// that follows, which grows before.
     #[serde(default)]
     pub spare_overlap: bool,
     /// True to end the run when a crack runs into an overlap: six broken bonds there that are near each other

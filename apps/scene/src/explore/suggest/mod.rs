@@ -87,6 +87,7 @@ pub struct Prediction {
 
 /// Reads a scene, and refuses one for which nothing can be predicted.
 pub fn readable(scene: &LoweredScene) -> Result<Scenario> {
+    scene.refuse_following("suggest")?;
     let s = scenario::scenario(scene)?;
     if scene.interface.values().any(|i| i.lumped) {
         let rule = "suggest cannot analyse a lumped interface; remove it";

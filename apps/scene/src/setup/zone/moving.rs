@@ -19,11 +19,11 @@ use crate::setup::partners::Partners;
 use crate::setup::support;
 use crate::setup::weights::model_weights;
 use crate::setup::{BodyShape, LoweredInterface, LoweredScene, OverlapSource, drive, load};
-use crate::spec::{CriterionKind, EffectKind, FollowTable};
+use crate::spec::{CriterionKind, EffectKind, FollowTable, Initial, ZoneTable};
 use arlequin::core::effect::Load;
 use arlequin::core::geometry::{BoxTree, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Changed, Response, Rezoning};
+use arlequin::core::{Changed, JunctionKind, Response, Rezoning, Sampling};
 use arlequin::fem_ref::{FemField, Mesh};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -113,6 +113,14 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if scene.statics.is_some() {
         return refuse("has no meaning with [static]; remove one of them");
     }
+    if zone.dem.finite_rotations {
+        return refuse(
+            "the loads of bonds in the body's field are those of small rotations; remove dem.finite_rotations, or follow",
+        );
+    }
+    if zone.shape.is_none() {
+        check_empty(scene, name, zone)?;
+    }
     if zone.dem.loose == crate::spec::LooseKind::Keep {
         return refuse(
             "loose grains need contact, which a zone that moves cannot have; take dem.loose = \"drop\"",
@@ -143,6 +151,39 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
         return refuse("nothing breaks, and strengths decide where the zone goes; add an effect fracture");
     }
     Ok(())
+}
+
+/// Refuses what a zone that begins empty cannot have: it would fail at its first change.
+fn check_empty(scene: &LoweredScene, name: &str, zone: &ZoneTable) -> Result<()> {
+    let refuse = |key_path: &str, rule: &str| Err(key(format!("zone.{name}.{key_path}"), rule));
+    if zone.junction.kind != JunctionKind::L2 {
+        return refuse(
+            "junction",
+            "a zone that begins empty has the junction l2; remove it, or give shape",
+        );
+    }
+    if zone.sampling.is_some_and(|s| s != Sampling::Particles) {
+        return refuse(
+            "sampling",
+            "spheres are summed over; remove it, or take \"particles\"",
+        );
+    }
+    if zone.mediator.spacing.is_some() {
+        return refuse(
+            "mediator.spacing",
+            "a zone that begins empty has the body's elements as its mediator; remove it, or give shape",
+        );
+    }
+    let on_zone = |i: &Initial| i.models.iter().flatten().any(|m| m == name);
+    match scene.initial.iter().position(on_zone) {
+        Some(k) => Err(key(
+            format!("initial[{k}].models"),
+            format!(
+                "zone '{name}' begins empty, and its spheres start from the body's state; give that, to \"{BODY}\""
+            ),
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Unknowns of the spheres within a diameter of the border of a reservoir. The packing is cut there: in a
@@ -286,6 +327,21 @@ impl Moving {
             }
         }
         Ok(out)
+    }
+
+    /// Returns a warning if the overlap is less than three elements wide, up to half of one.
+    pub(crate) fn narrow(&self) -> Option<String> {
+        let width = self.piece.width()?;
+        let elements = width.mean / width.spacing;
+        (elements < 2.5).then(|| {
+            format!(
+                "zone '{}': its overlap of {:.3e} m is {elements:.1} elements of '{BODY}' across, which reflects waves; give overlap.width \
+                 = {:.2e}",
+                self.name,
+                width.mean,
+                3.0 * width.spacing
+            )
+        })
     }
 
     /// Returns the warning for a zone that cannot go where bonds are loaded.
