@@ -209,8 +209,11 @@ impl Grains {
     /// Moves this effect's forces on particle `i` to `f`. A second call for the same particle adds nothing.
     pub(crate) fn deliver(&mut self, i: usize, f: &mut [f64]) {
         // Taken, so that a particle with several contacts gets the forces once.
-        let own = self.forces.take(i);
-        self.unknowns(i).into_iter().zip(own).for_each(|(o, x)| f[o] += x);
+        let force = self.forces.take(i);
+        self.unknowns(i)
+            .into_iter()
+            .zip(force)
+            .for_each(|(o, x)| f[o] += x);
     }
 
     /// Largest `stiffness(r_i)/m_i` over all particles \[1/s²\], with unweighted masses.

@@ -277,8 +277,8 @@ impl DemModel {
     }
 
     pub(crate) fn shared_spheres(&self) -> Arc<Vec<Sphere>> {
-        let made = || Arc::new(spheres(self.body.positions(), self.body.radii()));
-        self.spheres.get_or_init(made).clone()
+        let build = || Arc::new(spheres(self.body.positions(), self.body.radii()));
+        self.spheres.get_or_init(build).clone()
     }
 
     /// Unweighted rotational inertias \[kg m²\].

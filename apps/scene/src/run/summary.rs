@@ -143,8 +143,8 @@ const LARGE_WORK: f64 = 0.05;
 /// all other works, or the present energy if that is more.
 fn rezoned(run: &Coupled<f64>) -> Option<String> {
     let work: f64 = run.rezoning_works().into_iter().sum();
-    let works = run.works().into_iter().filter(|w| w.name != "rezoning");
-    let in_play = works.map(|w| w.work.abs()).sum::<f64>().max(run.energy());
+    let works = run.works().into_iter().filter(|line| line.name != "rezoning");
+    let in_play = works.map(|line| line.work.abs()).sum::<f64>().max(run.energy());
     (work.abs() > LARGE_WORK * in_play).then(|| {
         format!(
             "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres around a node of the body differ from \

@@ -116,8 +116,8 @@ fn with_zones(mut scene: LoweredScene, body: LoweredModel) -> Result<LoweredScen
                 ..spheres
             },
         };
-        // The zone grows before a bond of its overlap would have to break. What breaks there all the same is the
-        // work of a change: spheres at the outer border hang on one or two bonds.
+        // The zone grows before a bond of its overlap would have to break. What breaks there all the same is
+        // the work of a change: spheres at the outer border hang on one or two bonds.
         for e in &mut scene.effect {
             if let EffectKind::Fracture(f) = &mut e.kind {
                 f.spare_overlap = true;

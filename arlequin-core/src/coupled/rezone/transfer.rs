@@ -203,11 +203,11 @@ fn rows<T: Real>(
         }
     };
     let wanted = (0..nodes.len()).into_par_iter().filter(|k| wanted(*k));
-    let found: Vec<_> = wanted.map(row).collect::<Result<_>>()?;
-    let mut out = Vec::with_capacity(found.len());
+    let evaluated: Vec<_> = wanted.map(row).collect::<Result<_>>()?;
+    let mut out = Vec::with_capacity(evaluated.len());
     let mut reach = None;
     let mut work = [ShapeRow::default(), ShapeRow::default()];
-    for (node, row) in found {
+    for (node, row) in evaluated {
         if let Some(row) = row {
             out.push((node, row));
             continue;

@@ -51,8 +51,8 @@ impl<'a> Appended<'a> {
             file.write_all(&((N * count) as u64).to_le_bytes())?;
             for first in (0..count).step_by(BLOCK) {
                 block.resize(N * BLOCK.min(count - first), 0);
-                let here = block.as_chunks_mut::<N>().0.iter_mut();
-                here.zip(items.by_ref()).for_each(|(to, item)| *to = item);
+                let slots = block.as_chunks_mut::<N>().0.iter_mut();
+                slots.zip(items.by_ref()).for_each(|(to, item)| *to = item);
                 file.write_all(block)?;
             }
             Ok(())
