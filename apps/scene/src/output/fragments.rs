@@ -1,6 +1,6 @@
 //! Fragments into which bodies with bonds have broken, over time.
 
-use super::put;
+use super::{mark, put};
 use crate::error::{Result, core};
 use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
@@ -232,5 +232,5 @@ pub(crate) fn write(folder: &Path, fragments: &Fragments) -> Result<()> {
         }
         text.push('\n');
     }
-    put(&folder.join("fragments.csv"), &[text.as_bytes()])
+    put(&folder.join(mark::FRAGMENTS), &[text.as_bytes()])
 }

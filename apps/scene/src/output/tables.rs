@@ -1,5 +1,6 @@
 //! Tables of recorded values: probes, energy and effects over time, load steps and broken bonds.
 
+use super::mark::{self, TABLES};
 use super::summary::{Conversion, LoadStep};
 use super::{csv, put};
 use crate::error::{Result, write};
@@ -11,9 +12,6 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
-
-/// Files of the tables of probes, energy and effects.
-const NAMES: [&str; 3] = ["probes.csv", "energy.csv", "effects.csv"];
 
 /// Columns of values over time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -79,8 +77,8 @@ impl Table {
 
 /// Writes the tables of probes, energy and effects; without effects, the last one has no file.
 pub(crate) fn write_all(folder: &Path, tables: [&Table; 3]) -> Result<()> {
-    for (name, table) in NAMES.into_iter().zip(tables) {
-        if name != NAMES[2] || !table.names.is_empty() {
+    for (name, table) in TABLES.into_iter().zip(tables) {
+        if name != TABLES[2] || !table.names.is_empty() {
             put(&folder.join(name), &[table.text(0).as_bytes()])?;
         }
     }
@@ -112,7 +110,7 @@ impl Live {
         if !framed && self.last.elapsed() < WAIT {
             return Ok(());
         }
-        for ((name, table), rows) in NAMES.into_iter().zip(tables).zip(&mut self.rows) {
+        for ((name, table), rows) in TABLES.into_iter().zip(tables).zip(&mut self.rows) {
             if table.names.is_empty() {
                 continue;
             }
@@ -148,7 +146,7 @@ pub(crate) fn load_steps(folder: &Path, steps: &[LoadStep]) -> Result<()> {
             s.time, s.method, s.residual, s.iterations, s.energy
         );
     }
-    put(&folder.join("static.csv"), &[text.as_bytes()])
+    put(&folder.join(mark::LOAD_STEPS), &[text.as_bytes()])
 }
 
 /// Writes the changes of a zone that follows, if there are any.
@@ -167,7 +165,7 @@ pub(crate) fn conversions(folder: &Path, changes: &[Conversion]) -> Result<()> {
             c.time, c.step, c.work, c.closing, c.seconds
         );
     }
-    put(&folder.join("zones.csv"), &[text.as_bytes()])
+    put(&folder.join(mark::ZONES), &[text.as_bytes()])
 }
 
 /// Writes all broken bonds of all models in the order of time. [`breaks`] has more columns, per model.
@@ -193,7 +191,7 @@ pub fn all_breaks(folder: &Path, run: &Coupled<f64>, breaks: &[Option<SharedLog>
             e.time, p.x, p.y, p.z, e.released
         );
     }
-    put(&folder.join("breaks.csv"), &[text.as_bytes()])
+    put(&folder.join(mark::BREAKS), &[text.as_bytes()])
 }
 
 /// Writes one table of broken bonds per model whose bonds can break.

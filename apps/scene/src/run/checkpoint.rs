@@ -13,7 +13,7 @@ use super::follow::Followed;
 use super::origin::Origin;
 use super::recorder::Records;
 use crate::error::{Error, Result, write};
-use crate::output::mark::CHECKPOINT;
+use crate::output::mark::{self, CHECKPOINT};
 use arlequin::core::snapshot::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -78,7 +78,7 @@ impl Checkpoint {
     pub(crate) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(CHECKPOINT);
         // A summary without a checkpoint is that of a run that has ended.
-        let bytes = std::fs::read(&path).map_err(|source| match folder.join("summary.json").exists() {
+        let bytes = std::fs::read(&path).map_err(|source| match folder.join(mark::SUMMARY).exists() {
             true if source.kind() == std::io::ErrorKind::NotFound => Error::Checkpoint {
                 path: folder.to_owned(),
                 reason: "has a run that has ended, and no checkpoint to go on from; run its scene anew, to a later end if \

@@ -275,7 +275,7 @@ fn recorded(recorder: Recorder, scene: &Scene, summary: Summary) -> Recorded {
 
 fn write_summary(folder: &Folder, summary: &Summary) -> Result<()> {
     put(
-        &folder.path().join("summary.json"),
+        &folder.path().join(mark::SUMMARY),
         &[json("writing summary.json", summary)?.as_bytes()],
     )
 }

@@ -156,33 +156,9 @@ impl Follow {
             first,
         };
         out.rim = out.rim();
-        built.warnings.extend(out.check_first_overlap()?);
         let asleep = out.probes_asleep(built.run.time())?;
         built.warnings.extend(asleep);
         Ok(Some(out))
-    }
-
-    /// Tries the first overlap of a zone that begins empty, which is around one of the body's elements, and
-    /// returns a warning if it is narrow.
-    fn check_first_overlap(&self) -> Result<Option<String>> {
-        if self.state.core.contains(&true) {
-            return Ok(None);
-        }
-        let name = &self.moving.name;
-        let mut error = None;
-        for e in (0..self.barred.len()).filter(|e| self.barred[*e].is_none()) {
-            let mut core = vec![false; self.barred.len()];
-            core[e] = true;
-            match self.moving.moved(&core) {
-                Ok(moved) => return Ok(moved.narrow()),
-                Err(e) => error = Some(self.moving.place_of(e)),
-            }
-        }
-        Err(error.unwrap_or_else(|| {
-            let rule = "supports, loads or the border of follow.within are near to all elements: the zone could come nowhere; take a \
-                        narrower overlap.width, or a larger body";
-            key(format!("zone.{name}.overlap.width"), rule)
-        }))
     }
 
     /// Returns a warning for each probe whose model sleeps at its place, the first time that it does.

@@ -55,6 +55,7 @@ pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Che
     watched(scene)?;
     statics::check_held(scene)?;
     zone::check_anchors(scene, folder)?;
+    zone::first_overlap(scene, folder)?;
     places::check_fillings(scene, folder)?;
     Ok(Checked { effects, interfaces })
 }

@@ -3,6 +3,7 @@
 use super::plan::Member;
 use super::{Outcome, Runner};
 use crate::error::{Result, write};
+use crate::output::mark;
 use crate::spec::sweep::SweepFile;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -50,7 +51,7 @@ impl Kept {
     pub(super) fn finished(&self, m: &Member) -> Option<Value> {
         let folder = self.folder.join(&m.label);
         let record: Record = read(&folder.join("member.json"))?;
-        let mut summary: Value = read(&folder.join("summary.json"))?;
+        let mut summary: Value = read(&folder.join(mark::SUMMARY))?;
         // Times of more repetitions than asked for are good enough.
         let good = record.identity == self.identity(m)
             && record.repeat >= self.repeat
@@ -70,7 +71,7 @@ impl Kept {
                 Outcome::Complete => {}
                 other => return Ok(Err(other)),
             }
-            let Some(summary) = read::<Value>(&target.join("summary.json")) else {
+            let Some(summary) = read::<Value>(&target.join(mark::SUMMARY)) else {
                 return Ok(Err(Outcome::Failed("it wrote no summary.json".into())));
             };
             let wall = summary["wall_seconds"].clone();

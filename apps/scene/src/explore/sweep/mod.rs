@@ -17,6 +17,7 @@ pub use result::{HookRow, Measured, PHASES, Run, Seconds, Sweep, hook_rows};
 use super::suggest::{self, Prediction};
 use crate::Progress;
 use crate::error::{Error, Result, key, write};
+use crate::output::mark;
 use crate::scene::{Scene, Source};
 use crate::spec::sweep::Reference;
 use kept::Kept;
@@ -145,7 +146,7 @@ impl PlannedSweep {
     /// Compares the runs with the reference and draws the conclusion.
     fn conclude(self, mut runs: Vec<Run>, store: &Kept, interrupted: bool) -> Result<Sweep> {
         let Self { file, mut curves, .. } = self;
-        let probes = |label: &str| curve::probes(&store.folder.join(label).join("probes.csv"));
+        let probes = |label: &str| curve::probes(&store.folder.join(label).join(mark::TABLES[0]));
         if let Some(Reference::Run(_)) = &file.reference {
             // `reference_first` put the reference first; it has no result if it failed or was not reached.
             if runs[0].status == "complete" {

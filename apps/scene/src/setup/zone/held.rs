@@ -6,7 +6,8 @@
 //! it need not be shared anew in each change. A zone that moves therefore stays off both: at least one
 //! element of the body remains between its overlap and any node that is held or loaded.
 
-use super::Piece;
+use super::divide::centroid;
+use super::{Piece, Width};
 use crate::error::{Result, key};
 use crate::setup::lower::following;
 use crate::setup::names::BODY;
@@ -90,6 +91,58 @@ pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Re
             Err(key(format!("{path}.within"), rule))
         }
     }
+}
+
+/// Tries the first overlap of a zone that begins empty, around one of the body's elements. Returns a warning
+/// if it is narrow.
+///
+/// # Errors
+/// A zone that could come nowhere; a body that cannot be meshed.
+pub(in crate::setup) fn first_overlap(scene: &LoweredScene, folder: &Path) -> Result<Option<String>> {
+    let Some((name, zone, _)) = following(scene) else {
+        return Ok(None);
+    };
+    let OverlapSource::Zone(piece) = &scene.interface[name].overlap else {
+        return Ok(None);
+    };
+    if zone.shape.is_some() {
+        return Ok(None);
+    }
+    let mesh = piece.whole(folder)?;
+    let barred = piece.barred(scene, folder)?;
+    let mut free: Vec<usize> = (0..barred.len()).filter(|e| barred[*e].is_none()).collect();
+    let mut error = None;
+    for axis in 0..3 {
+        // Around an element at an end of the body, an overlap leaves most of the body free.
+        let place = |e: &usize| centroid(mesh, *e)[axis];
+        free.sort_by(|a, b| place(a).total_cmp(&place(b)));
+        for e in free.first().into_iter().chain(free.last()) {
+            let mut core = vec![false; barred.len()];
+            core[*e] = true;
+            match piece.moved(&core, folder) {
+                Ok(moved) => return Ok(moved.width().and_then(|w| narrow(name, &w))),
+                Err(e) => error = Some(e),
+            }
+        }
+    }
+    Err(error.unwrap_or_else(|| {
+        let rule = "supports, loads or the border of follow.within are near to all elements: the zone could come nowhere; take a \
+                    narrower overlap, or a larger body";
+        key(format!("zone.{name}.overlap.width"), rule)
+    }))
+}
+
+/// Returns a warning if an overlap is less than three elements wide, up to half of one.
+fn narrow(name: &str, width: &Width) -> Option<String> {
+    let elements = width.mean / width.spacing;
+    (elements < 2.5).then(|| {
+        format!(
+            "zone '{name}': its overlap of {:.3e} m is {elements:.1} elements of '{BODY}' across, which reflects waves; give \
+             overlap.width = {:.2e}",
+            width.mean,
+            3.0 * width.spacing
+        )
+    })
 }
 
 /// Reason for which a zone that moves leaves an element to the body.

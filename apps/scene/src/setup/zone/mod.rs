@@ -17,7 +17,7 @@ mod uncut;
 
 pub use super::packing::Likeness;
 pub use held::Bar;
-pub(super) use held::check_anchors;
+pub(super) use held::{check_anchors, first_overlap};
 pub(super) use likeness::{Supports, Twin};
 pub use moving::{Moving, Share};
 pub(super) use moving::{check, check_ranks};

@@ -329,21 +329,6 @@ impl Moving {
         Ok(out)
     }
 
-    /// Returns a warning if the overlap is less than three elements wide, up to half of one.
-    pub(crate) fn narrow(&self) -> Option<String> {
-        let width = self.piece.width()?;
-        let elements = width.mean / width.spacing;
-        (elements < 2.5).then(|| {
-            format!(
-                "zone '{}': its overlap of {:.3e} m is {elements:.1} elements of '{BODY}' across, which reflects waves; give overlap.width \
-                 = {:.2e}",
-                self.name,
-                width.mean,
-                3.0 * width.spacing
-            )
-        })
-    }
-
     /// Returns the warning for a zone that cannot go where bonds are loaded.
     pub(crate) fn warning(&self, bar: Bar) -> String {
         bar.warning(&self.name, &self.scene)
