@@ -310,10 +310,31 @@ fn what_a_zone_that_begins_empty_cannot_have_is_refused_at_once() {
         warnings.iter().any(|w| w.contains("elements of 'body' across")),
         "{warnings:?}"
     );
-    // Bodies that fly at 10 m/s while all spheres sleep have no fragments of spheres.
+    // While all spheres sleep there is no fragment of spheres.
     assert!(
         results.recorded.fragments.is_empty(),
         "{:?}",
         results.recorded.fragments
     );
+}
+
+/// Fragments of a body that flies across move at its speed, though some of their spheres sleep at rest.
+#[test]
+fn fragments_have_the_motion_of_what_is_awake() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/spalling.toml");
+    let text = std::fs::read_to_string(path).expect("a shipped scene");
+    let text = text
+        .replace("spacing = 0.35e-3", "spacing = 0.7e-3")
+        .replace("end = 16e-6", "end = 8e-6");
+    let flying = "[[initial]]\nmodels = [\"body\"]\nvelocity.uniform = [0.0, 10.0, 0.0]\n[time]";
+    let results = run(&Scene::from_text(&text.replace("[time]", flying)).expect("a scene"));
+    let changes = &results.summary().conversions;
+    let awake = changes.last().expect("changes").spheres[1];
+    let all = results.model("grains").expect("a model").model().nodes().len();
+    assert!(awake < all, "{awake} of {all}");
+    let pieces = &results.recorded.fragments;
+    assert!(!pieces.is_empty());
+    for p in pieces.iter().filter(|p| p.number > 0) {
+        assert!((p.velocity[1] / 10.0 - 1.0).abs() < 0.02, "{p:?}");
+    }
 }

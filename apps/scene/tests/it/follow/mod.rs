@@ -364,6 +364,15 @@ fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
         "{}",
         summary.energy.h_drift_max
     );
+    // Bonds of the overlap are spared: none breaks by a change before the pulse is back from the free end.
+    let first = breaks(&whole)
+        .iter()
+        .map(|b| b.time)
+        .fold(f64::INFINITY, f64::min);
+    assert!(first > 8e-6, "{first}");
+    // Two spheres along an element are few: the changes cost more than they should, and say so.
+    let costly = |w: &String| w.starts_with("changes of weights did");
+    assert!(summary.warnings.iter().any(costly), "{:?}", summary.warnings);
     // The same spheres everywhere, which have the load at their own face.
     let zone = text.find("# No shape").expect("the zone");
     let everywhere = text[zone..]
@@ -402,6 +411,19 @@ fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
         let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
         assert!(bits(&done) == bits(&whole), "resumed at step {step}");
     }
+    // An initial stretch beyond the strength of bonds is looked at before the first step.
+    let stretched = text.replace(
+        "[time]\nend = 16e-6",
+        "[[initial]]\ndisplacement.polynomial = { component = \"x\", along = \"x\", coefficients = [0.0, 5e-4] }\n[time]\nend = 1e-7",
+    );
+    assert_ne!(stretched, text);
+    let stretched = run(&Scene::from_text(&stretched).unwrap_or_else(|e| panic!("{e}\n{stretched}")));
+    let first = stretched.summary().conversions.first().map(|c| c.step);
+    let told = stretched.summary().warnings.join("\n");
+    assert!(
+        first == Some(0) || told.contains("cannot grow"),
+        "{first:?} {told}"
+    );
     let without = text.replace("follow = { wake = 0.6 }", "");
     let message = Scene::from_text(&without)
         .map(|_| ())
