@@ -327,7 +327,7 @@ fn fragments_have_the_motion_of_what_is_awake() {
         .replace("spacing = 0.35e-3", "spacing = 0.7e-3")
         .replace("end = 16e-6", "end = 8e-6");
     let flying = "[[initial]]\nmodels = [\"body\"]\nvelocity.uniform = [0.0, 10.0, 0.0]\n[time]";
-    let results = run(&Scene::from_text(&text.replace("[time]", flying)).expect("a scene"));
+    let results = run(&Scene::from_text(text.replace("[time]", flying)).expect("a scene"));
     let changes = &results.summary().conversions;
     let awake = changes.last().expect("changes").spheres[1];
     let all = results.model("grains").expect("a model").model().nodes().len();
