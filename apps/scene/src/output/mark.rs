@@ -47,17 +47,17 @@ fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
     listed.is_some_and(|l| fingerprint(&path).is_ok_and(|f| f == *l))
 }
 
-/// Tables of probes, energy and effects.
+/// Files of the tables of probes, energy and effects.
 pub(crate) const TABLES: [&str; 3] = ["probes.csv", "energy.csv", "effects.csv"];
-/// Table of broken bonds.
+/// File of the table of broken bonds.
 pub(crate) const BREAKS: &str = "breaks.csv";
-/// Table of fragments.
+/// File of the table of fragments.
 pub(crate) const FRAGMENTS: &str = "fragments.csv";
-/// Table of load steps at rest.
+/// File of the table of load steps at rest.
 pub(crate) const LOAD_STEPS: &str = "static.csv";
-/// Table of the changes of a zone that follows.
+/// File of the table of changes of a zone that follows.
 pub(crate) const ZONES: &str = "zones.csv";
-/// Summary of a run.
+/// File of the summary of a run.
 pub(crate) const SUMMARY: &str = "summary.json";
 
 /// Files of a run at the top level.

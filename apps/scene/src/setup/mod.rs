@@ -132,7 +132,7 @@ pub(crate) fn build_from(
     warnings.extend(probes.iter().filter_map(|p| p.warning(&bodies)));
     warnings.extend(split_probes.iter().cloned());
     warnings.extend(zone::closed_notches(scene, folder)?);
-    warnings.extend(zone::first_overlap(scene, folder)?);
+    warnings.extend(checked.narrow.clone());
     let zones = zone::lines(scene, &bodies);
     let forces = totals::collect(scene, &bodies)?;
     let models = bodies.iter().map(ModelInfo::from_body).collect();

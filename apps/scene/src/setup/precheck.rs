@@ -18,6 +18,8 @@ pub(super) struct Checked<'a> {
     pub effects: Vec<Vec<(usize, &'a Effect)>>,
     /// Interfaces, for the models that are built next.
     pub interfaces: Vec<Plan<'a>>,
+    /// Warning about a narrow first overlap of a zone that begins empty.
+    pub narrow: Option<String>,
 }
 
 /// Checks the tables of the models, each by itself.
@@ -55,9 +57,13 @@ pub(super) fn scene<'a>(scene: &'a LoweredScene, folder: &'a Path) -> Result<Che
     watched(scene)?;
     statics::check_held(scene)?;
     zone::check_anchors(scene, folder)?;
-    zone::first_overlap(scene, folder)?;
+    let narrow = zone::first_overlap(scene, folder)?;
     places::check_fillings(scene, folder)?;
-    Ok(Checked { effects, interfaces })
+    Ok(Checked {
+        effects,
+        interfaces,
+        narrow,
+    })
 }
 
 fn order<'a>(name: &'a str, key: &'a str, table: &'a LoweredModel, folder: &'a Path) -> Order<'a> {

@@ -220,7 +220,6 @@ impl Piece {
             }
             Use::Between(_) => match request.spacing {
                 None => Ok(()),
-                Some(_) if self.is_empty(request.folder)? => Ok(()),
                 Some(wanted) => {
                     let mesh = self.elements(self.cut.division(request.folder)?)?;
                     halvings(&mesh, wanted, 0.0, &format!("{}.spacing", request.key)).map(|_| ())
