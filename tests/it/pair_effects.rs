@@ -229,6 +229,7 @@ fn reactions_are_measured() {
         q: &q,
         v_half: &q,
         dt: 1e-6,
+        number: 1,
         internal: &q,
         internal_before: &q,
     };

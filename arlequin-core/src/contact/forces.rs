@@ -122,6 +122,7 @@ mod tests {
         let instant = Instant {
             time: 0.0,
             dt,
+            number: 1,
             q: &f,
             v_half: &f,
             internal: &f,

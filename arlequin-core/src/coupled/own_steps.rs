@@ -131,7 +131,13 @@ impl<T: Real> Coupled<T> {
                 } else {
                     self.instant(0) + T::of(j as f64) * dt
                 };
-                let step_end = StepEnd { time, since: dt, dt };
+                let number = self.step * steps + j;
+                let step_end = StepEnd {
+                    time,
+                    since: dt,
+                    dt,
+                    number,
+                };
                 self.own_step(g, step_end, draw && last, announce)?;
                 // Works of the last own step are added after the reflection, with corrected velocities.
                 if !last {

@@ -98,7 +98,7 @@ impl<T: Real> Coupled<T> {
             } else {
                 from + (time - from) * share
             };
-            self.still_step(now)?;
+            self.still_step(now, k)?;
             self.damp(k, &mut before)?;
             if !k.is_multiple_of(LOOK) && k < how.most {
                 continue;
@@ -163,18 +163,19 @@ impl<T: Real> Coupled<T> {
         Ok(())
     }
 
-    /// Makes one macro step while time stands still.
-    fn still_step(&mut self, time: T) -> Result<()> {
+    /// Makes macro step `number`, counted from one, while time stands still.
+    fn still_step(&mut self, time: T, number: usize) -> Result<()> {
         self.apply_second_half();
         for g in 0..self.lockstep.len() {
             let first = &self.subdomains[self.lockstep[g].members[0]];
             let (steps, dt) = (first.own_steps(), first.own_dt());
-            for _ in 0..steps {
+            for j in 1..=steps {
                 // Prescribed unknowns are moved, but have no velocity.
                 let step_end = StepEnd {
                     time,
                     since: dt,
                     dt: T::zero(),
+                    number: (number - 1) * steps + j,
                 };
                 self.own_step(g, step_end, false, &mut |_: Phase| {})?;
             }

@@ -89,6 +89,7 @@ impl<T: Real> System<T> {
             q: &zeros,
             v_half: &zeros,
             dt: T::zero(),
+            number: 0,
             internal: &zeros,
             internal_before: &zeros,
         };

@@ -6,11 +6,22 @@
 //! `D = diag(m η)` and shape functions `N` it is `P = N (NᵀDN)⁻¹ NᵀD`, so that the force
 //! `F = −(I − P)ᵀ D (I − P) v` is `−D (I − P) v`: one system to solve. Rigid motions are untouched, and
 //! energy only leaves.
+//!
+//! Where own steps are short beside `1/η`, the force acts as impulses: `n` times as strong in one of `n`
+//! steps. An impulse takes the velocities of the whole step,
+//!
+//! ```text
+//! v = v₋ + Δt/2 M⁻¹ f,    v₊ = v − n Δt M⁻¹ D (I − P) v
+//! ```
+//!
+//! with the velocities `v₋` half a step earlier and the other forces `f`. It contracts them by their masses,
+//! so that no rhythm of impulses can feed a vibration (design/effects.md). Which of the `n` steps has the impulse changes as
+//! if at random: a wave with the period of the impulses would else meet all of them at the same phase.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
 use crate::field::{Interpolation, ShapeRow};
-use crate::interface::{Rows, add_at};
+use crate::interface::Rows;
 use crate::linalg::SpdFactor;
 use crate::model::{Arms, DofLayout};
 use crate::owned::Cuts;
@@ -21,6 +32,9 @@ use nalgebra::Point3;
 use sprs::{CsMat, TriMat};
 use std::ops::Range;
 use std::sync::Arc;
+
+/// Largest share `n η Δt` of a velocity that an impulse takes.
+const IMPULSE: f64 = 0.25;
 
 /// Damping rate `η` \[1/s\] as a function of position.
 pub type RateField<T> = Arc<dyn Fn(&Point3<T>) -> T + Send + Sync>;
@@ -45,6 +59,12 @@ struct AttachedAbsorber<T: Real> {
     cuts: Cuts,
     /// Exchange of velocities with other ranks.
     exchange: Option<VelocityExchange<T>>,
+    /// Inverse masses of the nodes of `local_nodes`, components interleaved; zero where motion is prescribed.
+    inverse_inertia: Vec<T>,
+    /// Velocities of `nodes` at the whole step.
+    velocity: Vec<T>,
+    /// True where the last step had no impulse: the forces are zero, whatever `force` holds.
+    rests: bool,
     /// `m η` of each node.
     damping: Vec<T>,
     /// `NᵀD` and `N`.
@@ -62,6 +82,7 @@ struct AttachedAbsorber<T: Real> {
 struct VelocityExchange<T> {
     gather: Gather,
     messages: Vec<Message>,
+    /// Velocities of all nodes of the model here; those of `local_nodes` are set.
     v: Vec<T>,
 }
 
@@ -98,6 +119,9 @@ impl<T: Real> AttachedAbsorber<T> {
             resolved: zeros(n.cols()),
             columns: zeros(n.cols()),
             force: zeros(nodes.len()),
+            velocity: zeros(nodes.len()),
+            inverse_inertia: Vec::new(),
+            rests: true,
             local_nodes: (0..).zip(nodes).map(|(place, k)| [place, *k as u32]).collect(),
             cuts: Cuts::at_units(Owned::whole(0), nodes.iter().copied()),
             exchange: None,
@@ -129,53 +153,104 @@ impl<T: Real> AttachedAbsorber<T> {
         self.nodes = (0..nodes.len() as u32).collect();
         self.exchange = Some(VelocityExchange {
             messages: gather.messages(self.components),
-            v: vec![T::zero(); nodes.len() * self.components],
+            v: vec![T::zero(); owned.nodes() * self.components],
             gather,
         });
         self
     }
 
-    /// Adds the force to `f`, for `N` components.
-    fn add_to<const N: usize>(&mut self, v: &[T], f: &mut [T]) {
-        // Taken out for the call, as `update_forces` borrows all of `self`.
-        if let Some(mut exchange) = self.exchange.take() {
-            exchange
-                .gather
-                .gather(N, &mut exchange.messages, v, &mut exchange.v);
-            self.update_forces::<N>(&exchange.v);
-            self.exchange = Some(exchange);
-        } else {
-            self.update_forces::<N>(v);
-            return add_at(
-                &self.nodes,
-                self.force.as_chunks::<N>().0,
-                0,
-                f.as_chunks_mut::<N>().0,
-            );
+    /// Takes the inverse masses of the nodes here from those of the model.
+    fn with_masses(mut self, inverse_inertia: &[T]) -> Self {
+        let d = self.components;
+        let nodes = self.local_nodes.iter().map(|l| l[1] as usize * d);
+        self.inverse_inertia = nodes
+            .flat_map(|first| &inverse_inertia[first..first + d])
+            .copied()
+            .collect();
+        self
+    }
+
+    /// Number of own steps of which one has an impulse.
+    fn interval(&self, dt: T) -> usize {
+        let steps = T::of(IMPULSE) / (self.top_rate * dt);
+        // A rate of zero has no impulses to wait for.
+        (steps.as_f64() as usize).clamp(1, u32::MAX as usize)
+    }
+
+    /// Computes the forces of an instant and adds them to `f`, for `N` components.
+    fn add_to<const N: usize>(&mut self, instant: &Instant<'_, T>, f: &mut [T]) {
+        let interval = self.interval(instant.dt);
+        self.rests = instant.number == 0 || !has_impulse(instant.number - 1, interval);
+        if self.rests {
+            return;
         }
-        let (force, f) = (self.force.as_chunks::<N>().0, f.as_chunks_mut::<N>().0);
+        let f = f.as_chunks_mut::<N>().0;
+        self.load_velocities::<N>(instant, f);
+        self.update_forces::<N>(T::of(interval as f64));
+        let force = self.force.as_chunks::<N>().0;
         for [place, node] in &self.local_nodes {
             let (force, f) = (&force[*place as usize], &mut f[*node as usize]);
             (0..N).for_each(|c| f[c] += force[c]);
         }
     }
 
-    /// Computes the forces on all damped nodes.
-    fn update_forces<const N: usize>(&mut self, v: &[T]) {
-        let v = v.as_chunks::<N>().0;
-        let velocity = |k: usize| v[self.nodes[k] as usize];
+    /// Sets the velocities of all damped nodes at the whole step; `f` are the other forces.
+    fn load_velocities<const N: usize>(&mut self, instant: &Instant<'_, T>, f: &[[T; N]]) {
+        let half = T::of(0.5) * instant.dt;
+        let v = instant.v_half.as_chunks::<N>().0;
+        let whole = |node: usize, inverse: &[T; N]| -> [T; N] {
+            std::array::from_fn(|c| v[node][c] + half * inverse[c] * f[node][c])
+        };
+        let nodes = self.local_nodes.iter().map(|l| l[1] as usize);
+        let nodes = nodes.zip(self.inverse_inertia.as_chunks::<N>().0);
+        match &mut self.exchange {
+            None => {
+                let velocity = self.velocity.as_chunks_mut::<N>().0;
+                for (out, (node, inverse)) in velocity.iter_mut().zip(nodes) {
+                    *out = whole(node, inverse);
+                }
+            }
+            Some(exchange) => {
+                let local = exchange.v.as_chunks_mut::<N>().0;
+                nodes.for_each(|(node, inverse)| local[node] = whole(node, inverse));
+                let VelocityExchange { gather, messages, v } = exchange;
+                gather.gather(N, messages, v, &mut self.velocity);
+            }
+        }
+    }
+
+    /// Computes the forces on all damped nodes, `strength` times as large as those of the damping rates.
+    fn update_forces<const N: usize>(&mut self, strength: T) {
+        let v = self.velocity.as_chunks::<N>().0;
         let sums = self.resolved.as_chunks_mut::<N>().0;
         let gather = &self.gather;
-        gather.fill_rows(0..sums.len(), sums, &|j| gather.times(j, velocity));
+        gather.fill_rows(0..sums.len(), sums, &|j| gather.times(j, |k| v[k]));
         self.solve::<N>();
         let (scatter, resolved) = (&self.scatter, self.resolved.as_chunks::<N>().0);
-        let force = self.force.as_chunks_mut::<N>().0;
+        let (v, force) = (
+            self.velocity.as_chunks::<N>().0,
+            self.force.as_chunks_mut::<N>().0,
+        );
         scatter.fill_rows(0..force.len(), force, &|k| {
             let projected = scatter.times(k, |j| resolved[j]);
-            let v = &v[self.nodes[k] as usize];
-            std::array::from_fn(|c| self.damping[k] * (projected[c] - v[c]))
+            let damping = strength * self.damping[k];
+            std::array::from_fn(|c| damping * (projected[c] - v[k][c]))
         });
     }
+}
+
+/// Returns whether a step is the one of its `interval` steps that has an impulse. Steps count from zero.
+fn has_impulse(step: usize, interval: usize) -> bool {
+    let chosen = scramble((step / interval) as u64) % interval as u64;
+    (step % interval) as u64 == chosen
+}
+
+/// Maps numbers to numbers that look random: the finalizer of splitmix64.
+fn scramble(number: u64) -> u64 {
+    let x = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
 }
 
 impl<T: Real> EffectSpec<T> for Absorber<T> {
@@ -225,10 +300,11 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
             invalid("absorber", counts, rule)
         })?;
         let owned = host.owned()?;
-        Ok(Box::new(match owned.is_part() {
+        let absorber = match owned.is_part() {
             true => absorber.with_exchange(&owned, &nodes),
             false => absorber,
-        }))
+        };
+        Ok(Box::new(absorber.with_masses(host.inverse_inertia)))
     }
 }
 
@@ -344,6 +420,9 @@ fn factor<T: Real>(n: &CsMat<T>, damping: &[T]) -> Option<Box<dyn SpdFactor<T>>>
 impl<T: Real> AttachedAbsorber<T> {
     /// Power of the last forces on the nodes of this rank, exactly added up over units of nodes.
     fn local_power(&self, v: &[T]) -> Exact {
+        if self.rests {
+            return Exact::zero();
+        }
         let (d, force, places) = (self.components, &self.force, &self.local_nodes);
         let row = |k: u32| k as usize * d..(k as usize + 1) * d;
         let part = |list: Range<usize>| {
@@ -374,9 +453,9 @@ impl<T: Real> AnyEffect<T> for AttachedAbsorber<T> {
 impl<T: Real> Effect<T> for AttachedAbsorber<T> {
     fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
         match self.components {
-            1 => self.add_to::<1>(instant.v_half, f),
-            2 => self.add_to::<2>(instant.v_half, f),
-            _ => self.add_to::<3>(instant.v_half, f),
+            1 => self.add_to::<1>(instant, f),
+            2 => self.add_to::<2>(instant, f),
+            _ => self.add_to::<3>(instant, f),
         }
         Ok(())
     }
@@ -396,6 +475,8 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
     }
 
     fn step_demand(&self) -> StepDemand<T> {
+        // More than impulses need, whose velocities are those of the whole step; of rates above `2/Δt` it is
+        // what keeps them from turning velocities round.
         StepDemand::damping(self.top_rate)
     }
 }
@@ -404,6 +485,18 @@ impl<T: Real> Effect<T> for AttachedAbsorber<T> {
 mod tests {
     use super::*;
     use nalgebra::DMatrix;
+
+    fn instant(v: &[f64], dt: f64, number: usize) -> Instant<'_, f64> {
+        Instant {
+            time: 0.0,
+            q: &[],
+            v_half: v,
+            dt,
+            number,
+            internal: &[],
+            internal_before: &[],
+        }
+    }
 
     /// Two hat functions with equal values at every node cannot be told apart. Their common motion is
     /// resolved all the same, and energy only leaves.
@@ -419,11 +512,12 @@ mod tests {
             }
         }
         let (nodes, damping) = ([0, 1, 2, 3], vec![2.0, 3.0, 1.0, 4.0]);
-        let mut absorber =
-            AttachedAbsorber::new(1, &n.to_csr(), &nodes, damping.clone(), 4.0).expect("a factor");
+        let mut absorber = AttachedAbsorber::new(1, &n.to_csr(), &nodes, damping.clone(), 4.0)
+            .expect("a factor")
+            .with_masses(&[1.0; 4]);
         let mut forces = |v: [f64; 4]| {
             let mut f = [0.0; 4];
-            absorber.add_to::<1>(&v, &mut f);
+            absorber.add_to::<1>(&instant(&v, 1.0, 1), &mut f);
             f
         };
         assert!(forces([2.0, 1.6, 1.3, 1.0]).iter().all(|f| f.abs() < 1e-9));
@@ -469,15 +563,13 @@ mod tests {
         let product = -left.transpose() * rates * left;
         for components in [1, 2, 3] {
             let made = AttachedAbsorber::new(components, &n.to_csr(), &nodes, damping.clone(), 4.0);
-            let mut absorber = made.expect("positive definite");
             let size = (2 * count + 1) * components;
+            let made = made.expect("positive definite");
+            let mut absorber = made.with_masses(&vec![1.0; size]);
             let forces = |absorber: &mut AttachedAbsorber<f64>, v: &[f64]| {
                 let mut f = vec![0.0; size];
-                match components {
-                    1 => absorber.add_to::<1>(v, &mut f),
-                    2 => absorber.add_to::<2>(v, &mut f),
-                    _ => absorber.add_to::<3>(v, &mut f),
-                }
+                let instant = instant(v, 1.0, 1);
+                absorber.add_forces(&instant, &mut f).expect("forces");
                 f
             };
             let v: Vec<f64> = (0..size).map(wave).collect();
@@ -499,6 +591,66 @@ mod tests {
             }
             let none = forces(&mut absorber, &smooth);
             assert!(none.iter().all(|f| f.abs() < 1e-13), "{components}");
+        }
+    }
+
+    #[test]
+    fn each_interval_has_one_impulse_and_their_phases_differ() {
+        for interval in [1, 2, 5, 7] {
+            let steps = 0..100 * interval;
+            let impulses: Vec<usize> = steps.filter(|k| has_impulse(*k, interval)).collect();
+            let blocks: Vec<usize> = impulses.iter().map(|k| k / interval).collect();
+            assert_eq!(blocks, (0..100).collect::<Vec<_>>(), "{interval}");
+            for phase in 0..interval {
+                let hits = impulses.iter().filter(|k| **k % interval == phase).count();
+                assert!(
+                    hits * interval > 50 && hits * interval < 160,
+                    "{interval}: {hits}"
+                );
+            }
+        }
+    }
+
+    /// Energy `½ v² + ½ ω² u² (1 − ω² Δt²/4)`, which Verlet's scheme conserves, of two masses that vibrate
+    /// against each other with impulses of the rate `η`, after each step; relative to the start.
+    fn energies_of_a_vibration(phase: f64, rate: f64, steps: usize) -> Vec<f64> {
+        let n = TriMat::from_triplets((2, 1), vec![0, 1], vec![0, 0], vec![1.0, 1.0]).to_csr();
+        let mut absorber = AttachedAbsorber::new(1, &n, &[0, 1], vec![rate; 2], rate)
+            .expect("a factor")
+            .with_masses(&[1.0; 2]);
+        let stiffness = 0.5 * phase * phase;
+        let (mut q, mut v) = ([1.0, -1.0], [0.0; 2]);
+        let mut a = [-stiffness * (q[0] - q[1]), stiffness * (q[0] - q[1])];
+        let mut out = Vec::new();
+        for k in 0..=steps {
+            let energy = v[0] * v[0] + phase * phase * q[0] * q[0] * (1.0 - 0.25 * phase * phase);
+            out.push(energy);
+            (0..2).for_each(|i| v[i] += 0.5 * a[i]);
+            (0..2).for_each(|i| q[i] += v[i]);
+            let spring = stiffness * (q[0] - q[1]);
+            let mut f = [-spring, spring];
+            absorber
+                .add_forces(&instant(&v, 1.0, k + 1), &mut f)
+                .expect("forces");
+            (0..2).for_each(|i| v[i] += 0.5 * f[i]);
+            a = f;
+        }
+        out.iter().map(|e| e / out[0]).collect()
+    }
+
+    /// Impulses of a quarter take no rhythm at which a vibration grows or lasts, up to the limit of Verlet's
+    /// scheme, `ω Δt = 2`. On average they take what the rate says.
+    #[test]
+    fn impulses_damp_vibrations_of_every_period_alike() {
+        let (rate, steps) = (0.05, 200);
+        for k in 1..40 {
+            let energies = energies_of_a_vibration(0.05 * f64::from(k), rate, steps);
+            let grows = energies.windows(2).map(|e| e[1] / e[0]).fold(0.0, f64::max);
+            let expected = (-rate * steps as f64).exp();
+            let end = energies[steps];
+            assert!(grows < 1.0 + 1e-12, "{k}: {grows}");
+            assert!(end < 6.0 * expected, "{k}: {end:e}, {expected:e}");
+            assert!(end > expected / 6.0, "{k}: {end:e}, {expected:e}");
         }
     }
 }

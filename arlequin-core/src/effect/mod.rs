@@ -99,6 +99,9 @@ pub struct Instant<'a, T> {
     pub v_half: &'a [T],
     /// Length of the step that led here \[s\]; zero at the start of a run.
     pub dt: T,
+    /// Own steps of the model since the start of the run; zero where no step led here, as at the start, after
+    /// a change of weights and at rest.
+    pub number: usize,
     /// Weighted internal forces of the model now \[N, N m\].
     pub internal: &'a [T],
     /// Weighted internal forces one step earlier; zero at the start of a run.

@@ -60,6 +60,7 @@ pub(super) fn instant<'a, T: Real>(time: T, dt: T, state: &'a State<T>, internal
         q: &state.q,
         v_half: &state.v,
         dt,
+        number: 0,
         internal,
         internal_before: internal,
     }

@@ -67,6 +67,7 @@ impl<T: Real> Subdomain<T> {
             q: &self.state.q,
             v_half: &self.state.v,
             dt: self.pace.dt,
+            number: 0,
             internal: self.forces.internal(),
             internal_before: self.forces.internal(),
         };

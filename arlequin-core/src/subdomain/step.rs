@@ -21,6 +21,8 @@ pub(crate) struct StepEnd<T> {
     pub(crate) since: T,
     /// Length of the own steps of the subdomain \[s\]; zero if time stands still.
     pub(crate) dt: T,
+    /// Own steps since the start of the run; zero at a start.
+    pub(crate) number: usize,
 }
 
 /// Forces beside the internal ones; they decide when the subdomain is accelerated.
@@ -242,6 +244,7 @@ impl<T: Real> Forces<T> {
             q: &state.q,
             v_half: &state.v,
             dt: step_end.since,
+            number: step_end.number,
             internal: &self.internal,
             internal_before: &self.internal_before,
         };
@@ -330,6 +333,7 @@ impl<T: Real> Subdomain<T> {
             time,
             since: T::zero(),
             dt: self.pace.dt,
+            number: 0,
         }
     }
 

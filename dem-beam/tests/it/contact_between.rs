@@ -285,6 +285,7 @@ fn defect(contact: &mut dyn PairEffect<f64>, layouts: [DofLayout; 2]) -> (f64, f
         q: &q[k],
         v_half: &v[k],
         dt: 1e-8,
+        number: 1,
         internal: &zero[k],
         internal_before: &zero[k],
     };
