@@ -58,7 +58,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use system::System;
 pub(crate) use transfer::Transfer;
-pub(crate) use transfer::{Rows, add_at, coupled_nodes};
+pub(crate) use transfer::{Rows, coupled_nodes};
 
 /// Tie between a coarse and a fine subdomain.
 pub struct InterfaceSpec<T: Real> {
