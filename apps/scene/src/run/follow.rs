@@ -28,7 +28,7 @@ use arlequin::core::adjacency::Adjacency;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::dem_beam::fracture::SharedLog;
 use look::AHEAD;
-use places::{Place, homes, in_unit_strains, neighbours};
+use places::{Place, homes, in_unit_strains, middle, neighbours};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -75,7 +75,6 @@ pub(crate) struct Follow {
     /// Elements so near to others outside of the zone that bonds in them can bring these along.
     rim: Vec<bool>,
     quiet: Quiet,
-    middles: Vec<Vector3<f64>>,
     /// Elements that the zone began with: notches may cut them.
     first: Vec<bool>,
     /// For each element: true if spheres fill it.
@@ -99,13 +98,8 @@ impl Follow {
             ));
         };
         let nodes = spheres.model().nodes();
-        let middle = |pair: &[u32; 2]| {
-            let [a, b] = pair.map(|i| nodes[i as usize].coords);
-            (a + b) * 0.5
-        };
-        let middles: Vec<Vector3<f64>> = bonds.parts().iter().map(middle).collect();
         let of_spheres = homes(&moving, nodes.iter().map(|x| x.coords))?;
-        let of_bonds = homes(&moving, middles.iter().copied())?;
+        let of_bonds = homes(&moving, bonds.parts().iter().map(|ends| middle(nodes, ends)))?;
         let field = &*body_info.field;
         let centres = moving.centres()?;
         let whole = moving.field()?;
@@ -152,7 +146,6 @@ impl Follow {
             every,
             log,
             shares,
-            middles,
             first,
         };
         out.rim = out.rim();
@@ -205,9 +198,9 @@ impl Follow {
         let look = self.wanted(run)?;
         let mut warnings = Vec::new();
         let time = format!("t = {:.4e} s", run.time());
-        if let Some((bond, u)) = look.late.filter(|_| !self.state.late) {
+        if let Some((place, u)) = look.late.filter(|_| !self.state.late) {
             self.state.late = true;
-            let [x, y, z]: [f64; 3] = self.middles[bond].into();
+            let [x, y, z]: [f64; 3] = place.into();
             warnings.push(self.warning_or_end(format!(
                 "zone '{}' woke too late: at {time} the body's field loads a bond that slept at ({x:.3e}, {y:.3e}, {z:.3e}) m to \
                  {u:.2} of its strength; take a lower wake, a smaller every, or a zone that begins there",

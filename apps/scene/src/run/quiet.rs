@@ -12,11 +12,9 @@
 
 use crate::error::{Result, core};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
-use arlequin::core::{Interpolation, ShapeRow};
+use arlequin::core::{Interpolation, Response, ShapeRow};
 use rayon::prelude::*;
 
-/// Places of the unit strains in a gradient, in the order of [`arlequin::core::Response`].
-pub(super) const PLACES: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
 /// Largest change of a strain in an element over that at its centre.
 const VARIES: f64 = 3.0;
 
@@ -80,7 +78,7 @@ impl Quiet {
             for (&k, gradient) in row.nodes.iter().zip(&row.gradients) {
                 h += Vector3::from_column_slice(&q[3 * k..3 * k + 3]) * gradient.transpose();
             }
-            PLACES.map(|[i, j]| if i == j { h[(i, i)] } else { h[(i, j)] + h[(j, i)] })
+            Response::strains(&h)
         };
         self.rows.par_iter().map(strain).collect()
     }

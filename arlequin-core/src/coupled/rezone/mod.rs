@@ -32,26 +32,30 @@ use std::sync::Arc;
 use transfer::Giver;
 
 /// Displacement \[m\] and rotation \[rad\] of a fine node beside those of the coarse field, in each of the
-/// unit strains `xx yy zz yz zx xy` (shears as `γ = 2ε`). A body that is not homogeneous carries no field
-/// of uniform strain in equilibrium: a random packing shares a load unevenly.
+/// unit strains of [`Response::STRAINS`]. A body that is not homogeneous carries no field of uniform strain in
+/// equilibrium: a random packing shares a load unevenly.
+///
+/// Single precision: responses are known to a few per mille, and a run keeps twelve vectors for each node.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Response<T: Real>(pub [[Vector3<T>; 2]; 6]);
+pub struct Response(pub [[Vector3<f32>; 2]; 6]);
 
-impl<T: Real> Response<T> {
+impl Response {
+    /// Places in a gradient of the strains `xx yy zz yz zx xy` (shears as `γ = 2ε`).
+    pub const STRAINS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
+
+    /// Strains \[–\] of a field with the gradient `∂u_i/∂x_j`, in the order of [`Self::STRAINS`].
+    pub fn strains<T: Real>(gradient: &Matrix3<T>) -> [T; 6] {
+        Self::STRAINS.map(|[i, j]| match i == j {
+            true => gradient[(i, i)],
+            false => gradient[(i, j)] + gradient[(j, i)],
+        })
+    }
+
     /// Displacement and rotation in a field with the gradient `∂u_i/∂x_j` \[–\].
-    pub fn in_gradient(&self, gradient: &Matrix3<T>) -> [Vector3<T>; 2] {
-        let h = |i: usize, j: usize| gradient[(i, j)];
-        let strains = [
-            h(0, 0),
-            h(1, 1),
-            h(2, 2),
-            h(1, 2) + h(2, 1),
-            h(2, 0) + h(0, 2),
-            h(0, 1) + h(1, 0),
-        ];
+    pub fn in_gradient<T: Real>(&self, gradient: &Matrix3<T>) -> [Vector3<T>; 2] {
         let mut out = [Vector3::zeros(); 2];
-        for (e, units) in strains.iter().zip(&self.0) {
-            (0..2).for_each(|w| out[w] += units[w] * *e);
+        for (e, units) in Self::strains(gradient).iter().zip(&self.0) {
+            (0..2).for_each(|w| out[w] += units[w].map(|x| T::of(f64::from(x))) * *e);
         }
         out
     }
@@ -65,7 +69,7 @@ pub struct Rezoning<T: Real> {
     weights: Vec<(usize, Weights<T>)>,
     effects: Vec<(usize, Box<dyn EffectSpec<T>>)>,
     interfaces: Vec<InterfaceSpec<T>>,
-    responses: Vec<(usize, Arc<Vec<Response<T>>>)>,
+    responses: Vec<(usize, Arc<Vec<Response>>)>,
     changed: Option<Arc<Changed<T>>>,
 }
 
@@ -102,7 +106,7 @@ impl<T: Real> Rezoning<T> {
     /// Adds the responses of all nodes of a fine subdomain to strains of its coarse partners: what its nodes
     /// receive is then nearer to equilibrium than the coarse field alone.
     #[must_use]
-    pub fn with_responses(mut self, subdomain: usize, responses: Arc<Vec<Response<T>>>) -> Self {
+    pub fn with_responses(mut self, subdomain: usize, responses: Arc<Vec<Response>>) -> Self {
         self.responses.push((subdomain, responses));
         self
     }

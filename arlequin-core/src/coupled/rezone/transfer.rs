@@ -22,7 +22,7 @@ const DIGITS: f64 = 16.0;
 const FLAT: f64 = 1e-6;
 
 /// Number of a subdomain, and the responses of its nodes.
-type Responses<T> = (usize, Arc<Vec<Response<T>>>);
+type Responses = (usize, Arc<Vec<Response>>);
 
 /// Masses and state of a subdomain before the change.
 pub(super) struct Giver<T: Real> {
@@ -88,7 +88,7 @@ impl<T: Real> Giver<T> {
 pub(super) fn hand_over<T: Real>(
     subdomains: &mut [Subdomain<T>],
     givers: &[Giver<T>],
-    (ties, responses): (&[InterfaceSpec<T>], &[Responses<T>]),
+    (ties, responses): (&[InterfaceSpec<T>], &[Responses]),
 ) -> Result<()> {
     let gains: Vec<_> = givers.iter().zip(&*subdomains).map(|(g, s)| g.gains(s)).collect();
     // The states of all models are found before one is written: an error leaves all of them as they were.
@@ -387,7 +387,7 @@ fn coarse_state<T: Real>(
 
 /// Returns the states that the gaining nodes of a fine model receive from coarse fields.
 fn from_coarse<T: Real>(
-    (fine, responses): (usize, Option<&[Response<T>]>),
+    (fine, responses): (usize, Option<&[Response]>),
     gains: &[bool],
     subdomains: &[Subdomain<T>],
     givers: &[Giver<T>],

@@ -1,6 +1,7 @@
 //! A look at the bonds, which finds the elements that the zone should have.
 
 use super::Follow;
+use super::places::middle;
 use crate::error::{Result, core};
 use crate::run::quiet::Strain;
 use crate::setup::{Bar, Share};
@@ -25,7 +26,7 @@ type Loads = (Vec<u32>, Vec<f64>);
 /// element that has no spheres, and what keeps the zone from where bonds are loaded.
 pub(super) struct Look {
     pub(super) core: Vec<bool>,
-    pub(super) late: Option<(usize, f64)>,
+    pub(super) late: Option<(Vector3<f64>, f64)>,
     pub(super) outside: Option<(usize, f64)>,
     pub(super) barred: Option<Bar>,
 }
@@ -111,17 +112,18 @@ impl Follow {
         out.outside = self.loaded_outside(&strains, &loud);
         let [awake, asleep] = self.utilisations(run, bonds, &loud)?;
         let element = |b: u32| self.homes[1][b as usize] as usize;
-        let mut soon = vec![false; hot.len()];
+        let (mut soon, mut late) = (vec![false; hot.len()], None::<(u32, f64)>);
         let mut largest = vec![0.0_f64; hot.len()];
         for (b, u) in asleep.0.into_iter().zip(asleep.1) {
             let e = element(b);
             largest[e] = largest[e].max(u);
             out.core[e] |= u >= limits.wake;
             soon[e] |= u >= soon_at;
-            if self.shares[e] == Share::Body && u >= 1.0 && out.late.is_none_or(|l| u > l.1) {
-                out.late = Some((b as usize, u));
+            if self.shares[e] == Share::Body && u >= 1.0 && late.is_none_or(|l| u > l.1) {
+                late = Some((b, u));
             }
         }
+        out.late = late.map(|(b, u)| (middle(spheres.model().nodes(), &bonds.parts()[b as usize]), u));
         for e in (0..loud.len()).filter(|e| loud[*e]) {
             self.state.last[e] = (strains[e], largest[e]);
         }

@@ -2,10 +2,10 @@
 //! strains.
 
 use crate::error::{Error, Result, key};
-use crate::run::quiet::{PLACES, Strain};
+use crate::run::quiet::Strain;
 use crate::setup::Moving;
-use arlequin::core::Breakable;
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::{Breakable, Response};
 use arlequin::fem_ref::FemField;
 use rayon::prelude::*;
 
@@ -34,6 +34,11 @@ impl Place {
     }
 }
 
+/// Middle of a bond between two spheres \[m\].
+pub(super) fn middle(nodes: &[Point3<f64>], [i, j]: &[u32; 2]) -> Vector3<f64> {
+    (nodes[*i as usize].coords + nodes[*j as usize].coords) * 0.5
+}
+
 /// Largest utilisations of the bonds of each element in unit strains of either sign \[–\].
 pub(super) fn in_unit_strains(
     (bonds, of_bonds): (&dyn Breakable<f64>, &[u32]),
@@ -45,7 +50,7 @@ pub(super) fn in_unit_strains(
     const SMALL: f64 = 1e-6;
     let mut out = vec![[0.0_f64; 6]; elements];
     let all_bonds: Vec<u32> = (0..of_bonds.len() as u32).collect();
-    for (k, [i, j]) in PLACES.into_iter().enumerate() {
+    for (k, [i, j]) in Response::STRAINS.into_iter().enumerate() {
         let mut strain = Matrix3::zeros();
         strain[(i, j)] += 0.5 * SMALL;
         strain[(j, i)] += 0.5 * SMALL;

@@ -57,7 +57,7 @@ pub struct Moving {
     /// Loads on the body's elements.
     loads: Arc<Vec<Load<f64>>>,
     /// Responses of the spheres to strains of the body.
-    pub(crate) responses: Arc<Vec<Response<f64>>>,
+    pub(crate) responses: Arc<Vec<Response>>,
 }
 
 /// Refuses a zone that moves on several ranks, before anything is built.

@@ -12,6 +12,7 @@
 use crate::error::{Result, core};
 use arlequin::core::nalgebra::{Matrix3, Vector3};
 use arlequin::core::{Model, Response, Uniform};
+use rayon::prelude::*;
 
 /// Residual of the equilibria, in the norm by inverse mass; the error of the energy is of the order of its
 /// square.
@@ -20,23 +21,13 @@ const TOLERANCE: f64 = 1e-2;
 const ITERATIONS: usize = 1000;
 /// Size of the strains \[–\], so that laws with finite rotations stay linear.
 const SMALL: f64 = 1e-6;
-/// Places of the strains in a gradient, in the order `xx yy zz yz zx xy`.
-const PLACES: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
-
 /// Finds the responses of all nodes of `model`, which must have its whole weight; `rate` is `ω` \[1/s\], and
 /// supports hold the unknowns `held`.
-pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -> Result<Vec<Response<f64>>> {
+pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -> Result<Vec<Response>> {
     let layout = model.layout();
-    let mut mass = vec![0.0; layout.dofs()];
-    model
-        .lumped_inertia(&Uniform(1.0), &mut mass)
-        .map_err(core("zone"))?;
-    // What is held does not move.
-    let mut inverse: Vec<f64> = mass.iter().map(|m| 1.0 / m).collect();
-    held.iter().for_each(|k| inverse[*k] = 0.0);
     let mut out = vec![Response([[Vector3::zeros(); 2]; 6]); layout.nodes];
-    let mut space = Space::new(layout.dofs());
-    for (k, [i, j]) in PLACES.into_iter().enumerate() {
+    let mut space = Space::new(model, rate * rate)?;
+    for (k, [i, j]) in Response::STRAINS.into_iter().enumerate() {
         let mut strain = Matrix3::zeros();
         strain[(i, j)] += 0.5 * SMALL;
         strain[(j, i)] += 0.5 * SMALL;
@@ -45,20 +36,23 @@ pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -
         for (u, x) in space.p.chunks_exact_mut(3).zip(model.nodes()) {
             u.copy_from_slice((strain * x.coords).as_slice());
         }
-        space.relax(model, (&mass, &inverse, rate * rate))?;
+        space.relax(model, held)?;
         let (moves, turns) = space.x.split_at(layout.translations());
         for (r, (u, th)) in out
             .iter_mut()
             .zip(moves.chunks_exact(3).zip(turns.chunks_exact(3)))
         {
-            r.0[k] = [u, th].map(|v| Vector3::from_column_slice(v) / SMALL);
+            r.0[k] = [u, th].map(|v| Vector3::from_iterator(v.iter().map(|x| (x / SMALL) as f32)));
         }
     }
     Ok(out)
 }
 
+/// Numbers per task, whole nodes.
+const CHUNK: usize = 3 << 12;
+
 /// Vectors of the conjugate gradients. They are allocated once: new ones in every iteration would cost more
-/// than the sums.
+/// than the sums. Passes are few and on all threads, since the time goes into memory.
 struct Space {
     /// Solution `χ`.
     x: Vec<f64>,
@@ -68,55 +62,110 @@ struct Space {
     p: Vec<f64>,
     /// Forces `−K p`.
     f: Vec<f64>,
+    /// Inertia of each node, for its displacement and then, after all of these, for its rotation.
+    mass: Vec<f64>,
+    /// Square `s` of the rate.
+    square: f64,
 }
 
 impl Space {
-    fn new(dofs: usize) -> Self {
+    fn new(model: &dyn Model<f64>, square: f64) -> Result<Self> {
+        let dofs = model.layout().dofs();
         let zero = || vec![0.0; dofs];
-        Self {
+        let mut mass = zero();
+        model
+            .lumped_inertia(&Uniform(1.0), &mut mass)
+            .map_err(core("zone"))?;
+        Ok(Self {
             x: zero(),
             r: zero(),
             p: zero(),
             f: zero(),
-        }
+            mass: mass.into_iter().step_by(3).collect(),
+            square,
+        })
     }
 
-    /// Solves `(K + s M) χ = −K u` by conjugate gradients with the masses as preconditioner.
-    fn relax(&mut self, model: &mut dyn Model<f64>, (mass, inverse, s): (&[f64], &[f64], f64)) -> Result<()> {
-        let Self { x, r, p, f } = self;
+    /// Solves `(K + s M) χ = −K u` by conjugate gradients with the masses as preconditioner. Unknowns that
+    /// are `held` do not move.
+    fn relax(&mut self, model: &mut dyn Model<f64>, held: &[usize]) -> Result<()> {
         // Internal forces are `−K u`.
-        r.fill(0.0);
-        model.add_internal_forces(p, r).map_err(core("zone"))?;
-        x.fill(0.0);
-        let by_mass = r.iter().zip(inverse).map(|(r, m)| r * m);
-        p.iter_mut().zip(by_mass).for_each(|(p, z)| *p = z);
-        let mut size = r.iter().zip(&*p).map(|(r, p)| r * p).sum::<f64>();
+        self.r.fill(0.0);
+        model
+            .add_internal_forces(&self.p, &mut self.r)
+            .map_err(core("zone"))?;
+        held.iter().for_each(|k| self.r[*k] = 0.0);
+        self.x.fill(0.0);
+        let mut size = self.descend(0.0);
         let enough = size * TOLERANCE * TOLERANCE;
+        self.search([0.0, 0.0]);
         for _ in 0..ITERATIONS {
             if size <= enough {
                 break;
             }
-            f.fill(0.0);
-            model.add_internal_forces(p, f).map_err(core("zone"))?;
-            let mut power = 0.0;
-            for ((f, p), m) in f.iter_mut().zip(&*p).zip(mass) {
-                // The product with the whole matrix takes the place of the forces.
-                *f = s * m * p - *f;
-                power += p * *f;
-            }
-            let step = size / power;
-            let mut next = 0.0;
-            for (((x, r), (p, f)), m) in x.iter_mut().zip(&mut *r).zip(p.iter().zip(&*f)).zip(inverse) {
-                *x += step * p;
-                *r -= step * f;
-                next += *r * (*r * m);
-            }
-            let share = next / size;
-            for ((p, r), m) in p.iter_mut().zip(&*r).zip(inverse) {
-                *p = r * m + share * *p;
-            }
+            self.f.fill(0.0);
+            model
+                .add_internal_forces(&self.p, &mut self.f)
+                .map_err(core("zone"))?;
+            held.iter().for_each(|k| self.f[*k] = 0.0);
+            let step = size / self.power();
+            let next = self.descend(step);
+            self.search([step, next / size]);
             size = next;
         }
         Ok(())
     }
+
+    /// Replaces the forces by `(K + s M) p`; returns its product with `p`.
+    fn power(&mut self) -> f64 {
+        let s = self.square;
+        let of_nodes = |((f, p), mass): ((&mut [f64], &[f64]), &[f64])| -> f64 {
+            let nodes = f.as_chunks_mut::<3>().0.iter_mut().zip(p.as_chunks::<3>().0);
+            let product = |((f, p), m): ((&mut [f64; 3], &[f64; 3]), &f64)| -> f64 {
+                *f = std::array::from_fn(|c| s * m * p[c] - f[c]);
+                f[0] * p[0] + f[1] * p[1] + f[2] * p[2]
+            };
+            nodes.zip(mass).map(product).sum()
+        };
+        let chunks = self.f.par_chunks_mut(CHUNK).zip(self.p.par_chunks(CHUNK));
+        let chunks = chunks.zip(self.mass.par_chunks(CHUNK / 3));
+        total(chunks.map(of_nodes).collect())
+    }
+
+    /// Takes the residual along by a step; returns its size `rᵀ M⁻¹ r`.
+    fn descend(&mut self, step: f64) -> f64 {
+        let of_nodes = |((r, f), mass): ((&mut [f64], &[f64]), &[f64])| -> f64 {
+            let nodes = r.as_chunks_mut::<3>().0.iter_mut().zip(f.as_chunks::<3>().0);
+            let square = |((r, f), m): ((&mut [f64; 3], &[f64; 3]), &f64)| -> f64 {
+                (0..3).for_each(|c| r[c] -= step * f[c]);
+                (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / m
+            };
+            nodes.zip(mass).map(square).sum()
+        };
+        let chunks = self.r.par_chunks_mut(CHUNK).zip(self.f.par_chunks(CHUNK));
+        let chunks = chunks.zip(self.mass.par_chunks(CHUNK / 3));
+        total(chunks.map(of_nodes).collect())
+    }
+
+    /// Takes the solution along by a step and finds the next direction, `M⁻¹ r + share · p`.
+    fn search(&mut self, [step, share]: [f64; 2]) {
+        let of_nodes = |(((x, p), r), mass): (((&mut [f64], &mut [f64]), &[f64]), &[f64])| {
+            let directions = x.as_chunks_mut::<3>().0.iter_mut().zip(p.as_chunks_mut::<3>().0);
+            for (((x, p), r), m) in directions.zip(r.as_chunks::<3>().0).zip(mass) {
+                let inverse = 1.0 / m;
+                for c in 0..3 {
+                    x[c] += step * p[c];
+                    p[c] = r[c] * inverse + share * p[c];
+                }
+            }
+        };
+        let chunks = self.x.par_chunks_mut(CHUNK).zip(self.p.par_chunks_mut(CHUNK));
+        let chunks = chunks.zip(self.r.par_chunks(CHUNK));
+        chunks.zip(self.mass.par_chunks(CHUNK / 3)).for_each(of_nodes);
+    }
+}
+
+/// Sum in the order of the tasks, whatever thread had them.
+fn total(parts: Vec<f64>) -> f64 {
+    parts.into_iter().sum()
 }
