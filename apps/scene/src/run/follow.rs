@@ -25,7 +25,7 @@ use crate::output::summary::Conversion;
 use crate::setup::{BODY, Bar, Built, Grid, Moving, Share};
 use arlequin::core::Coupled;
 use arlequin::core::adjacency::Adjacency;
-use arlequin::core::nalgebra::{Point3, Vector3};
+use arlequin::core::nalgebra::Point3;
 use arlequin::dem_beam::fracture::SharedLog;
 use look::AHEAD;
 use places::{Place, homes, in_unit_strains, middle, neighbours};

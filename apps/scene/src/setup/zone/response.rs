@@ -149,7 +149,9 @@ impl Space {
 
     /// Takes the solution along by a step and finds the next direction, `M⁻¹ r + share · p`.
     fn search(&mut self, [step, share]: [f64; 2]) {
-        let of_nodes = |(((x, p), r), mass): (((&mut [f64], &mut [f64]), &[f64]), &[f64])| {
+        let targets = self.x.par_chunks_mut(CHUNK).zip(self.p.par_chunks_mut(CHUNK));
+        let sources = self.r.par_chunks(CHUNK).zip(self.mass.par_chunks(CHUNK / 3));
+        targets.zip(sources).for_each(|((x, p), (r, mass))| {
             let directions = x.as_chunks_mut::<3>().0.iter_mut().zip(p.as_chunks_mut::<3>().0);
             for (((x, p), r), m) in directions.zip(r.as_chunks::<3>().0).zip(mass) {
                 let inverse = 1.0 / m;
@@ -158,10 +160,7 @@ impl Space {
                     p[c] = r[c] * inverse + share * p[c];
                 }
             }
-        };
-        let chunks = self.x.par_chunks_mut(CHUNK).zip(self.p.par_chunks_mut(CHUNK));
-        let chunks = chunks.zip(self.r.par_chunks(CHUNK));
-        chunks.zip(self.mass.par_chunks(CHUNK / 3)).for_each(of_nodes);
+        });
     }
 }
 
