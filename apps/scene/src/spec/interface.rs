@@ -304,6 +304,12 @@ impl WeightTable {
         let mut kinds = separate.map(|t| t.profile).chain([self.kind()]);
         kinds.all(|kind| kind != ProfileKind::MediatorCompatible)
     }
+
+    /// Values \[–\] of the constant profiles of energies.
+    pub(crate) fn constants(&self) -> impl Iterator<Item = f64> {
+        let separate = [&self.alpha, &self.beta].map(|t| t.as_ref().and_then(|t| t.value));
+        separate.into_iter().chain([self.value]).flatten()
+    }
 }
 
 /// A separate weight.

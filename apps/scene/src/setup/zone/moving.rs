@@ -23,7 +23,7 @@ use crate::spec::{CriterionKind, EffectKind, FollowTable, Initial, ZoneTable};
 use arlequin::core::effect::Load;
 use arlequin::core::geometry::{BoxTree, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Changed, JunctionKind, Response, Rezoning, Sampling};
+use arlequin::core::{Changed, JunctionKind, Response, Rezoning, Sampling, Weighting};
 use arlequin::fem_ref::{FemField, Mesh};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -121,6 +121,7 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if zone.shape.is_none() {
         check_empty(scene, name, zone)?;
     }
+    check_elements_and_spheres(scene, name, zone)?;
     if zone.dem.loose == crate::spec::LooseKind::Keep {
         return refuse(
             "loose grains need contact, which a zone that moves cannot have; take dem.loose = \"drop\"",
@@ -153,6 +154,24 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a zone whose spheres would not be the body in place of its elements.
+fn check_elements_and_spheres(scene: &LoweredScene, name: &str, zone: &ZoneTable) -> Result<()> {
+    let of_body = scene.body.as_ref().and_then(|b| b.material);
+    if zone.material.is_some() && zone.material != of_body {
+        return Err(key(
+            format!("zone.{name}.material"),
+            "elements of the body become spheres where the zone goes: it has the body's material; remove it, or follow",
+        ));
+    }
+    if zone.weight.weighting == Weighting::Nodal {
+        return Err(key(
+            format!("zone.{name}.weight.weighting"),
+            "weights at nodes conserve no energy that a change could be accounted for; take \"energy\", or remove follow",
+        ));
+    }
+    Ok(())
+}
+
 /// Refuses what a zone that begins empty cannot have: it would fail at its first change.
 fn check_empty(scene: &LoweredScene, name: &str, zone: &ZoneTable) -> Result<()> {
     let refuse = |key_path: &str, rule: &str| Err(key(format!("zone.{name}.{key_path}"), rule));
@@ -167,6 +186,11 @@ fn check_empty(scene: &LoweredScene, name: &str, zone: &ZoneTable) -> Result<()>
             "sampling",
             "spheres are summed over; remove it, or take \"particles\"",
         );
+    }
+    if let Some(value) = zone.weight.constants().find(|v| !(*v > 0.0 && *v < 1.0)) {
+        let rule =
+            format!("a constant weight of {value} leaves all to one model; take a profile that varies");
+        return refuse("weight", &rule);
     }
     if zone.mediator.spacing.is_some() {
         return refuse(

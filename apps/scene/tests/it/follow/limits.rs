@@ -228,6 +228,16 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ),
         ("follow = true", "follow.release = 0.4", "follow.release"),
         ("follow = true", "follow.release = -0.1", "follow.release"),
+        (
+            "follow = true",
+            "follow = true\nmaterial = { young = 30e9, poisson = 0.2, density = 2440.0 }",
+            "zone.crack.material",
+        ),
+        (
+            "follow = true",
+            "follow = true\nweight.weighting = \"nodal\"",
+            "zone.crack.weight.weighting",
+        ),
         ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),
         ("kind = \"fem\"", "kind = \"cnem\"", "natural elements"),
         (
@@ -283,6 +293,11 @@ fn what_a_zone_that_begins_empty_cannot_have_is_refused_at_once() {
             zone,
             "overlap.width = 3e-3\nmediator.spacing = 0.5e-3",
             "zone.grains.mediator.spacing",
+        ),
+        (
+            zone,
+            "overlap.width = 3e-3\nweight = { profile = \"constant\", value = 1.0 }",
+            "zone.grains.weight",
         ),
         (zone, "overlap.width = 50e-3", "zone.grains"),
         (
