@@ -251,6 +251,21 @@ pub trait Effect<T: Real>: AnyEffect<T> {
         None
     }
 
+    /// Takes the new weights of its subdomain, and keeps its state. Only effects can do this that a change of
+    /// weights keeps ([`crate::Rezoning::with_kept_effect`]).
+    ///
+    /// # Errors
+    /// [`crate::Error::Unsupported`] by default.
+    fn reweigh(&mut self, host: &Host<'_, T>) -> Result<()> {
+        Err(crate::Error::Unsupported {
+            model: host.model.name().to_owned(),
+            what: format!(
+                "keep the effect '{}' with other weights; make it anew",
+                self.name()
+            ),
+        })
+    }
+
     /// Demand on the time step; for a partitioned model, by the nodes of this rank.
     fn step_demand(&self) -> StepDemand<T> {
         StepDemand::none()

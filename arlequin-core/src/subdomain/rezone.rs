@@ -58,12 +58,13 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories.
+    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories; in
+    /// the place of `None` the old effect stays.
     /// The state stays; forces are those of the old weights until the next start.
     pub(crate) fn reweigh(
         &mut self,
         weights: Weights<T>,
-        effects: Vec<Box<dyn EffectSpec<T>>>,
+        effects: Vec<Option<Box<dyn EffectSpec<T>>>>,
         changed: Option<&Changed<T>>,
     ) -> Result<()> {
         if effects.len() != self.effects.len() {
@@ -89,8 +90,12 @@ impl<T: Real> Subdomain<T> {
         self.forces.reclaim(self.inertia.len());
         self.forces.expect_anywhere();
         self.energies = Energies::unknown();
-        for (k, spec) in effects.into_iter().enumerate() {
-            let old = &self.effects[k];
+        let mut kept = std::mem::take(&mut self.effects);
+        for (k, (spec, old)) in effects.into_iter().zip(&mut kept).enumerate() {
+            let Some(spec) = spec else {
+                old.effect.reweigh(&self.host())?;
+                continue;
+            };
             let mut new = Attached::new(spec.attach(&self.host())?);
             if new.effect.name() != old.effect.name() {
                 let what = format!("new effect {k} of '{}'", self.model.name());
@@ -99,8 +104,9 @@ impl<T: Real> Subdomain<T> {
             }
             // The effect goes on with the work and the memory of before, so that its ledger line has no jump.
             new.restore(old.work(), &old.effect.save())?;
-            self.effects[k] = new;
+            *old = new;
         }
+        self.effects = kept;
         let (run, steps) = (self.pace.dt * T::of(self.pace.steps as f64), self.pace.steps);
         match self.stepper {
             // The matrix holds masses and stiffness.

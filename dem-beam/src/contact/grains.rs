@@ -166,6 +166,11 @@ impl Grains {
         }
     }
 
+    /// Returns whether a particle has a weight; else it sleeps.
+    pub(crate) fn is_awake(&self, i: u32) -> bool {
+        self.mass[i as usize] > 0.0
+    }
+
     /// Weighted over unweighted mass of particle `i`.
     pub(crate) fn share(&self, i: usize) -> f64 {
         self.mass[i] / self.unweighted_mass[i]

@@ -250,6 +250,11 @@ impl Effect<f64> for Contacts {
         true
     }
 
+    fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
+        let effect = format!("contact on '{}'", host.model.name());
+        self.grains.attach(host, &effect)
+    }
+
     fn step_demand(&self) -> StepDemand<f64> {
         let top = self.grains.top(|r| self.touching.stiffness([r, self.largest]));
         self.touching.demand(top)

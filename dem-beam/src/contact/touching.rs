@@ -89,7 +89,7 @@ impl Touching {
     ) -> arlequin_core::Result<()> {
         self.active.clear();
         self.law.begin(instants[0].dt);
-        let count = listed.touching().len();
+        let (count, last) = (listed.touching().len(), grains.len() - 1);
         // Sequential: a contact works on the velocity that the contacts before it have left.
         for n in 0..count {
             // The order alternates: energy that a particle shared by two contacts moves between their budgets
@@ -100,8 +100,9 @@ impl Touching {
                 count - 1 - n
             };
             let (k, overlap) = listed.touching()[place];
-            if overlap > 0.0 {
-                let ends = listed.pairs[k].ends;
+            let ends = listed.pairs[k].ends;
+            // A particle that sleeps is where it fell asleep: it touches nothing.
+            if overlap > 0.0 && grains[0].is_awake(ends[0]) && grains[last].is_awake(ends[1]) {
                 check_overlap(ends, overlap, grains)?;
                 self.close((k, ends, overlap), listed.springs.get_mut(k), grains, instants, f);
             } else {
@@ -110,7 +111,6 @@ impl Touching {
             }
         }
         self.law.end(instants[0].dt);
-        let last = grains.len() - 1;
         // The expected power needs the forces of all contacts, so it follows the loop.
         for a in &mut self.active {
             let [i, j] = a.ends.map(|e| e as usize);

@@ -144,16 +144,19 @@ fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
     }))
 }
 
-/// Builds the effects of model `m` anew, in the order in which [`Attachments`] has them: those before an
-/// absorber, and those after all others. For scenes with effects that do not depend on the body.
-pub(super) fn simple_effects(scene: &LoweredScene, m: usize) -> Result<[Vec<Chosen>; 2]> {
+/// Builds the effects of model `m` anew for a change of weights, in the order in which [`Attachments`] has
+/// them: those before an absorber, and those after all others. `None` for contact, which stays.
+pub(super) fn effects_anew(scene: &LoweredScene, m: usize) -> Result<[Vec<Option<Chosen>>; 2]> {
     let mut out = [Vec::new(), Vec::new()];
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
         if !effect_models(k, e, scene)?.contains(&m) {
             continue;
         }
-        let last = matches!(e.kind, EffectKind::LocalDamping(_));
-        out[usize::from(last)].extend(simple_effect(k, e)?);
+        match e.kind {
+            EffectKind::Contact(_) => out[0].push(None),
+            EffectKind::LocalDamping(_) => out[1].extend(simple_effect(k, e)?.map(Some)),
+            _ => out[0].extend(simple_effect(k, e)?.map(Some)),
+        }
     }
     Ok(out)
 }

@@ -67,7 +67,8 @@ impl Response {
 /// the mediator of its new overlap. A subdomain that gets new weights gets all of its effects again, too.
 pub struct Rezoning<T: Real> {
     weights: Vec<(usize, Weights<T>)>,
-    effects: Vec<(usize, Box<dyn EffectSpec<T>>)>,
+    /// Effects by subdomain, made anew; `None` for one that stays.
+    effects: Vec<(usize, Option<Box<dyn EffectSpec<T>>>)>,
     interfaces: Vec<InterfaceSpec<T>>,
     responses: Vec<(usize, Arc<Vec<Response>>)>,
     changed: Option<Arc<Changed<T>>>,
@@ -122,7 +123,15 @@ impl<T: Real> Rezoning<T> {
     /// which the subdomain got them; each keeps its work and what it remembers.
     #[must_use]
     pub fn with_effect(mut self, subdomain: usize, effect: Box<dyn EffectSpec<T>>) -> Self {
-        self.effects.push((subdomain, effect));
+        self.effects.push((subdomain, Some(effect)));
+        self
+    }
+
+    /// Keeps the next effect of a subdomain with new weights, in the order of [`Self::with_effect`]; it takes
+    /// the weights itself ([`crate::effect::Effect::reweigh`]).
+    #[must_use]
+    pub fn with_kept_effect(mut self, subdomain: usize) -> Self {
+        self.effects.push((subdomain, None));
         self
     }
 }

@@ -124,7 +124,7 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     check_elements_and_spheres(scene, name, zone)?;
     if zone.dem.loose == crate::spec::LooseKind::Keep {
         return refuse(
-            "loose grains need contact, which a zone that moves cannot have; take dem.loose = \"drop\"",
+            "loose grains have no bond that could be loaded, and would sleep; take dem.loose = \"drop\"",
         );
     }
     let mut breaks = false;
@@ -139,7 +139,17 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             | EffectKind::StiffnessDamping(_)
             | EffectKind::LocalDamping(_)
             | EffectKind::Prestress(_) => {}
-            EffectKind::Contact(_) | EffectKind::Obstacle(_) | EffectKind::BulkViscosity(_) => {
+            EffectKind::Contact(_) if e.between.is_some() => {
+                return refuse("weights cannot change where contact is between two models; remove it, or follow");
+            }
+            EffectKind::Contact(_) if limits.release.is_some() => {
+                return Err(key(
+                    format!("{path}.release"),
+                    "spheres that touch must not fall asleep; remove release, or the effect contact",
+                ));
+            }
+            EffectKind::Contact(_) => {}
+            EffectKind::Obstacle(_) | EffectKind::BulkViscosity(_) => {
                 let rule = format!(
                     "the scene has {}, which spheres and elements that sleep cannot have; remove it, or follow",
                     e.kind.key()
@@ -463,18 +473,20 @@ impl Moving {
                     change = change.with_effect(m, Box::new(load.clone()));
                 }
             }
-            let [first, last] = drive::simple_effects(&self.scene, m)?;
-            for effect in first {
-                change = change.with_effect(m, effect);
-            }
+            let add = |change: Rezoning<f64>, effects: Vec<_>| {
+                effects.into_iter().fold(change, |change, effect| match effect {
+                    Some(effect) => change.with_effect(m, effect),
+                    None => change.with_kept_effect(m),
+                })
+            };
+            let [first, last] = drive::effects_anew(&self.scene, m)?;
+            change = add(change, first);
             if m == self.models()[1]
                 && let Some(a) = absorber.take()
             {
                 change = change.with_effect(m, Box::new(a));
             }
-            for effect in last {
-                change = change.with_effect(m, effect);
-            }
+            change = add(change, last);
         }
         Ok((change, built.grid))
     }

@@ -245,7 +245,11 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
             "kind = \"dem\"\ndem.finite_rotations = true",
             "small rotations",
         ),
-        ("fracture = { gc = 8.0 }", "contact = {}", "has contact"),
+        (
+            "[[effect]]",
+            "[[effect]]\nobstacle = { models = [\"crack\"], shape.ball = { centre = [0.0, 0.0, 1.0], radius = 1e-3 } }\n\n[[effect]]",
+            "has obstacle",
+        ),
         ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
         (
             "fracture = { gc = 8.0 }",
