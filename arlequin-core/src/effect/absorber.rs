@@ -15,8 +15,9 @@
 //! ```
 //!
 //! with the velocities `v₋` half a step earlier and the other forces `f`. It contracts them by their masses,
-//! so that no rhythm of impulses can feed a vibration (design/effects.md). Which of the `n` steps has the impulse changes as
-//! if at random: a wave with the period of the impulses would else meet all of them at the same phase.
+//! so that no rhythm of impulses can feed a vibration (decision 0067). With a rate of 0.2 c/r (wave speed `c`,
+//! distance `r` of the particles) they come at least once in 1.25 r/c, so that a wave of any length, with up
+//! to 2 c/r, meets each of them at another phase.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;
@@ -180,7 +181,7 @@ impl<T: Real> AttachedAbsorber<T> {
     /// Computes the forces of an instant and adds them to `f`, for `N` components.
     fn add_to<const N: usize>(&mut self, instant: &Instant<'_, T>, f: &mut [T]) {
         let interval = self.interval(instant.dt);
-        self.rests = instant.number == 0 || !has_impulse(instant.number - 1, interval);
+        self.rests = instant.number == 0 || !instant.number.is_multiple_of(interval);
         if self.rests {
             return;
         }
@@ -237,20 +238,6 @@ impl<T: Real> AttachedAbsorber<T> {
             std::array::from_fn(|c| damping * (projected[c] - v[k][c]))
         });
     }
-}
-
-/// Returns whether a step is the one of its `interval` steps that has an impulse. Steps count from zero.
-fn has_impulse(step: usize, interval: usize) -> bool {
-    let chosen = scramble((step / interval) as u64) % interval as u64;
-    (step % interval) as u64 == chosen
-}
-
-/// Maps numbers to numbers that look random: the finalizer of splitmix64.
-fn scramble(number: u64) -> u64 {
-    let x = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 impl<T: Real> EffectSpec<T> for Absorber<T> {
@@ -594,23 +581,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn each_interval_has_one_impulse_and_their_phases_differ() {
-        for interval in [1, 2, 5, 7] {
-            let steps = 0..100 * interval;
-            let impulses: Vec<usize> = steps.filter(|k| has_impulse(*k, interval)).collect();
-            let blocks: Vec<usize> = impulses.iter().map(|k| k / interval).collect();
-            assert_eq!(blocks, (0..100).collect::<Vec<_>>(), "{interval}");
-            for phase in 0..interval {
-                let hits = impulses.iter().filter(|k| **k % interval == phase).count();
-                assert!(
-                    hits * interval > 50 && hits * interval < 160,
-                    "{interval}: {hits}"
-                );
-            }
-        }
-    }
-
     /// Energy `½ v² + ½ ω² u² (1 − ω² Δt²/4)`, which Verlet's scheme conserves, of two masses that vibrate
     /// against each other with impulses of the rate `η`, after each step; relative to the start.
     fn energies_of_a_vibration(phase: f64, rate: f64, steps: usize) -> Vec<f64> {
@@ -638,17 +608,26 @@ mod tests {
         out.iter().map(|e| e / out[0]).collect()
     }
 
-    /// Impulses of a quarter take no rhythm at which a vibration grows or lasts, up to the limit of Verlet's
-    /// scheme, `ω Δt = 2`. On average they take what the rate says.
+    /// Vibrations up to the limit of Verlet's scheme, `ω Δt = 2`, never grow, whatever their rhythm. Those of
+    /// waves, which meet an impulse in each half of their period, are damped at the rate.
     #[test]
-    fn impulses_damp_vibrations_of_every_period_alike() {
-        let (rate, steps) = (0.05, 2000);
+    fn impulses_damp_waves_at_the_rate_and_feed_no_vibration() {
+        let (rate, steps, interval) = (0.05, 2000, 5.0);
         for k in 1..40 {
-            let energies = energies_of_a_vibration(0.05 * f64::from(k), rate, steps);
+            let phase = 0.05 * f64::from(k);
+            let energies = energies_of_a_vibration(phase, rate, steps);
             let grows = energies.windows(2).map(|e| e[1] / e[0]).fold(0.0, f64::max);
             let measured = -energies[steps].ln() / steps as f64;
-            assert!(grows < 1.0 + 1e-12, "{k}: {grows}");
-            assert!((measured / rate - 1.0).abs() < 0.25, "{k}: {measured}");
+            assert!(grows < 1.0 + 1e-12, "{phase}: {grows}");
+            let is_wave = interval * phase < 2.6;
+            assert!(
+                !is_wave || (measured / rate - 1.0).abs() < 0.2,
+                "{phase}: {measured}"
+            );
         }
+        // Four steps without an impulse follow each one.
+        let energies = energies_of_a_vibration(0.5, rate, 20);
+        let impulses = energies.windows(2).filter(|e| e[1] < e[0] * (1.0 - 1e-9));
+        assert_eq!(impulses.count(), 4, "{energies:?}");
     }
 }

@@ -140,7 +140,9 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             | EffectKind::LocalDamping(_)
             | EffectKind::Prestress(_) => {}
             EffectKind::Contact(_) if e.between.is_some() => {
-                return refuse("weights cannot change where contact is between two models; remove it, or follow");
+                return refuse(
+                    "weights cannot change where contact is between two models; remove it, or follow",
+                );
             }
             EffectKind::Contact(_) if limits.release.is_some() => {
                 return Err(key(
