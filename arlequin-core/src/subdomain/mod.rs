@@ -22,6 +22,7 @@ pub use motion::PrescribedMotion;
 pub use own::OwnStep;
 pub use reaction::Resultant;
 pub use record::SubdomainSnapshot;
+pub(crate) use rezone::NewEffect;
 pub(crate) use step::{Announce, StepEnd};
 
 use crate::effect::{Attached, Effect, EffectSpec};

@@ -11,6 +11,9 @@ use std::ops::Range;
 /// Masses up to this number of units of round-off of the largest mass count as zero.
 const ROUND_OFF: f64 = 4.0;
 
+/// An effect that a subdomain has after a change of weights: made anew, or `None` for the old one.
+pub(crate) type NewEffect<T> = Option<Box<dyn EffectSpec<T>>>;
+
 impl<T: Real> Subdomain<T> {
     /// Returns whether nodes without weight sleep.
     pub fn has_sleep(&self) -> bool {
@@ -64,7 +67,7 @@ impl<T: Real> Subdomain<T> {
     pub(crate) fn reweigh(
         &mut self,
         weights: Weights<T>,
-        effects: Vec<Option<Box<dyn EffectSpec<T>>>>,
+        effects: Vec<NewEffect<T>>,
         changed: Option<&Changed<T>>,
     ) -> Result<()> {
         if effects.len() != self.effects.len() {

@@ -24,7 +24,7 @@ use super::{Coupled, motions, one_sided, pairs, partition, portions, setup};
 use crate::effect::EffectSpec;
 use crate::error::invalid;
 use crate::interface::InterfaceSpec;
-use crate::subdomain::{OwnStep, Subdomain};
+use crate::subdomain::{NewEffect, OwnStep, Subdomain};
 use crate::weight::{Changed, Weights};
 use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Vector3};
@@ -67,8 +67,8 @@ impl Response {
 /// the mediator of its new overlap. A subdomain that gets new weights gets all of its effects again, too.
 pub struct Rezoning<T: Real> {
     weights: Vec<(usize, Weights<T>)>,
-    /// Effects by subdomain, made anew; `None` for one that stays.
-    effects: Vec<(usize, Option<Box<dyn EffectSpec<T>>>)>,
+    /// Effects by subdomain.
+    effects: Vec<(usize, NewEffect<T>)>,
     interfaces: Vec<InterfaceSpec<T>>,
     responses: Vec<(usize, Arc<Vec<Response>>)>,
     changed: Option<Arc<Changed<T>>>,
