@@ -4,6 +4,7 @@ mod simplicial;
 
 use crate::{Error, Real, Result, dissection};
 use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt_pivoting;
 use faer::linalg::solvers::{LltError, Solve};
 use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
@@ -303,6 +304,26 @@ pub(crate) fn lu<T: Real + RealField>(matrix: &CsMat<T>) -> Result<Box<dyn Squar
         free: String::new(),
     })?;
     Ok(Box::new(Lu(factor)))
+}
+
+pub(crate) fn pivoted_cholesky<T: Real + RealField>(
+    n: usize,
+    column_major: &mut [T],
+) -> Option<(Vec<usize>, usize)> {
+    let (mut order, mut places) = (vec![0; n], vec![0; n]);
+    // On one thread: the bits of a run must not depend on the number of threads.
+    let scratch =
+        llt_pivoting::factor::cholesky_in_place_scratch::<usize, T>(n, Par::Seq, Default::default());
+    let (info, _) = llt_pivoting::factor::cholesky_in_place(
+        MatMut::from_column_major_slice_mut(column_major, n, n),
+        &mut order,
+        &mut places,
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        Default::default(),
+    )
+    .ok()?;
+    Some((order, info.rank))
 }
 
 pub(crate) fn symmetric_eigen<T: Real + RealField>(n: usize, column_major: &[T]) -> Result<DenseEigen<T>> {

@@ -57,6 +57,11 @@ pub trait Real:
     /// factorisation breaks down.
     fn negative_pivots(matrix: &CsMat<Self>, shift: Self) -> Option<Vec<usize>>;
 
+    /// Overwrites the lower triangle of a dense positive semidefinite matrix, column major, `n × n`, with its
+    /// Cholesky factor with complete pivoting. Returns the order of the rows and the number of columns, which
+    /// ends where pivots are round-off. `None` for a diagonal with a negative number or a NaN.
+    fn pivoted_cholesky(n: usize, column_major: &mut [Self]) -> Option<(Vec<usize>, usize)>;
+
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.
     ///
     /// # Errors
@@ -106,6 +111,9 @@ macro_rules! real {
             }
             fn negative_pivots(matrix: &CsMat<Self>, shift: Self) -> Option<Vec<usize>> {
                 linalg::negative_pivots(matrix, shift)
+            }
+            fn pivoted_cholesky(n: usize, column_major: &mut [Self]) -> Option<(Vec<usize>, usize)> {
+                linalg::pivoted_cholesky(n, column_major)
             }
             fn lu(matrix: &CsMat<Self>) -> Result<Box<dyn SquareFactor<Self>>> {
                 linalg::lu(matrix)

@@ -82,6 +82,33 @@ fn path(breaks: &[Break]) -> Vec<f64> {
     (3..9).map(slice).collect()
 }
 
+/// Clamps that come together again press the faces of the crack on each other, as with spheres everywhere.
+#[test]
+fn faces_of_a_crack_that_closes_touch() {
+    let changes = [
+        COARSE[0],
+        ("end = 70e-6", "end = 60e-6"),
+        (
+            "motion = { amplitude = 4e-6, time.ramp = { duration = 40e-6 } }",
+            "motion = { amplitude = 6e-6, time.table = [[0.0, 0.0], [20e-6, 1.0], [30e-6, 1.0], [50e-6, -0.5], [60e-6, -0.5]] }",
+        ),
+        ("[time]", "[[effect]]\ncontact = {}\n\n[time]"),
+    ];
+    let (follows, alone) = (run(&scene(&changes)), run(&alone(&changes)));
+    let [[_, with], [_, without]] = [&follows, &alone].map(load);
+    assert!(without < -600.0, "{without} N");
+    assert!((with / without - 1.0).abs() < 0.15, "{with} and {without} N");
+    let contact = |results: &Results, name: &str| results.summary().energy.ledger[name];
+    let [a, b] = [
+        contact(&follows, "crack/contact"),
+        contact(&alone, "body/contact"),
+    ];
+    println!("loads {with} and {without} N, works of contact {a:e} and {b:e} J");
+    assert!(a < 0.0 && (a / b - 1.0).abs() < 0.3, "{a:e} and {b:e} J");
+    let drift = follows.summary().energy.h_drift_max;
+    assert!(drift < 1e-9, "{drift:e}");
+}
+
 #[test]
 fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
     let (follows, alone) = (run(&scene(&[])), run(&alone(&[])));
