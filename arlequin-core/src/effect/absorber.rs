@@ -15,9 +15,9 @@
 //! ```
 //!
 //! with the velocities `v₋` half a step earlier and the other forces `f`. It contracts them by their masses,
-//! so that no rhythm of impulses can feed a vibration (decision 0067). With a rate of 0.2 c/r (wave speed `c`,
-//! distance `r` of the particles) they come at least once in 1.25 r/c, so that a wave of any length, with up
-//! to 2 c/r, meets each of them at another phase.
+//! so that no rhythm of impulses can feed a vibration (decision 0067). With a rate of 0.2 c/r (wave speed
+//! `c`, distance `r` of the particles) they come at least once in 1.25 r/c, so that a wave of any length,
+//! with up to 2 c/r, meets each of them at another phase.
 
 use super::{AnyEffect, Effect, EffectSpec, Host, Instant, StepDemand};
 use crate::error::invalid;

@@ -41,17 +41,19 @@ fn select_dense<T: Real>(scaled: &CsMat<T>, limit: T) -> Option<Selection<T>> {
     let (order, rank) = T::pivoted_cholesky(n, &mut factor)?;
     // Pivots fall from column to column.
     let count = (0..rank).find(|k| factor[k * n + k] * factor[k * n + k] <= limit);
-    let (kept, dropped) = order.split_at(count.unwrap_or(rank));
-    let mut pivot: Vec<T> = order.iter().map(|i| diagonal[*i]).collect();
-    for column in factor.chunks_exact(n).take(kept.len()) {
-        let places = kept.len()..n;
-        places.for_each(|i| pivot[i] -= column[i] * column[i]);
+    let (chosen, others) = order.split_at(count.unwrap_or(rank));
+    let mut selection = Selection {
+        kept: chosen.to_vec(),
+        dropped: others.iter().map(|i| (*i, diagonal[*i])).collect(),
+    };
+    for column in factor.chunks_exact(n).take(chosen.len()) {
+        let entries = &column[chosen.len()..];
+        let pivots = selection.dropped.iter_mut().zip(entries);
+        pivots.for_each(|((_, pivot), v)| *pivot -= *v * *v);
     }
-    let mut kept = kept.to_vec();
-    kept.sort_unstable();
-    let mut dropped: Vec<_> = dropped.iter().copied().zip(pivot.drain(kept.len()..)).collect();
-    dropped.sort_unstable_by_key(|d| d.0);
-    Some(Selection { kept, dropped })
+    selection.kept.sort_unstable();
+    selection.dropped.sort_unstable_by_key(|d| d.0);
+    Some(selection)
 }
 
 /// Selects entry by entry.

@@ -93,8 +93,8 @@ impl<T: Real> Subdomain<T> {
         self.forces.reclaim(self.inertia.len());
         self.forces.expect_anywhere();
         self.energies = Energies::unknown();
-        let mut kept = std::mem::take(&mut self.effects);
-        for (k, (spec, old)) in effects.into_iter().zip(&mut kept).enumerate() {
+        let mut attached = std::mem::take(&mut self.effects);
+        for (k, (spec, old)) in effects.into_iter().zip(&mut attached).enumerate() {
             let Some(spec) = spec else {
                 old.effect.reweigh(&self.host())?;
                 continue;
@@ -109,7 +109,7 @@ impl<T: Real> Subdomain<T> {
             new.restore(old.work(), &old.effect.save())?;
             *old = new;
         }
-        self.effects = kept;
+        self.effects = attached;
         let (run, steps) = (self.pace.dt * T::of(self.pace.steps as f64), self.pace.steps);
         match self.stepper {
             // The matrix holds masses and stiffness.

@@ -32,8 +32,8 @@ use std::sync::Arc;
 use transfer::Giver;
 
 /// Displacement \[m\] and rotation \[rad\] of a fine node beside those of the coarse field, in each of the
-/// unit strains of [`Response::STRAINS`]. A body that is not homogeneous carries no field of uniform strain in
-/// equilibrium: a random packing shares a load unevenly.
+/// unit strains of [`Response::STRAINS`]. A body that is not homogeneous carries no field of uniform strain
+/// in equilibrium: a random packing shares a load unevenly.
 ///
 /// Single precision: responses are known to a few per mille, and a run keeps twelve vectors for each node.
 #[derive(Debug, Clone, Copy, PartialEq)]
