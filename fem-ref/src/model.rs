@@ -148,7 +148,9 @@ impl<T: Real> FemModel<T> {
     }
 
     pub(crate) fn patches(&self) -> &Patches<T> {
-        self.patches.get_or_init(|| recovery::patches(self.mesh()))
+        let is_awake = |e: usize| self.means[e] > T::zero();
+        self.patches
+            .get_or_init(|| recovery::patches(self.mesh(), &is_awake))
     }
 
     /// The displacement field; in a part of a body it covers the elements whose nodes are all owned.
@@ -190,6 +192,11 @@ impl<T: Real> FemModel<T> {
         let mesh = self.field.mesh();
         let weights = (&means[..], self.repeated);
         kernel::assemble(&mut self.stiffness, mesh, &self.materials, weights, &row);
+        let mut pairs = self.means.iter().zip(&means);
+        if pairs.any(|(old, new)| (*old > T::zero()) != (*new > T::zero())) {
+            // Patches leave out elements that sleep.
+            self.patches = OnceLock::new();
+        }
         self.means = means;
         Ok(())
     }

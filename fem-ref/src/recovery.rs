@@ -33,22 +33,32 @@ fn centre<T: Real>(mesh: &Mesh<T>, e: usize) -> Centre<T> {
     }
 }
 
-/// Makes the patches of all nodes.
-pub(crate) fn patches<T: Real>(mesh: &Mesh<T>) -> Patches<T> {
+/// Makes the patches of all nodes, from the elements that are awake: displacements of others are those of
+/// when they fell asleep. Nodes without any have those of all elements around them.
+pub(crate) fn patches<T: Real>(mesh: &Mesh<T>, is_awake: &dyn Fn(usize) -> bool) -> Patches<T> {
     let corners = mesh.kind().corners();
     let samples: Vec<Point3<T>> = (0..mesh.element_count())
         .map(|e| centre(mesh, e).position)
         .collect();
+    let [mut has_awake, mut outer] = [vec![false; mesh.nodes().len()], vec![false; mesh.nodes().len()]];
+    for (slot, node) in mesh.connectivity().iter().enumerate() {
+        has_awake[*node as usize] |= is_awake(slot / corners);
+    }
     let slots = mesh.connectivity().iter().enumerate();
+    let slots = slots.map(|(slot, node)| (*node, slot / corners));
     let around = Adjacency::new(
         mesh.nodes().len(),
-        slots.map(|(slot, node)| (*node, (slot / corners) as u32)),
+        slots
+            .clone()
+            .filter(|(node, e)| is_awake(*e) || !has_awake[*node as usize])
+            .map(|(node, e)| (node, e as u32)),
     );
-    // Nodes of the surface have patches on one side only, which would extrapolate.
-    let mut outer = vec![false; mesh.nodes().len()];
+    // Nodes of the surface, and those beside elements that sleep, have patches on one side only, which would
+    // extrapolate.
     for f in mesh.boundary() {
         mesh.facet_nodes(f).iter().for_each(|k| outer[*k as usize] = true);
     }
+    slots.for_each(|(node, e)| outer[node as usize] |= !is_awake(e) && has_awake[node as usize]);
     Patches::new(mesh.nodes(), &samples, |node, out| {
         // An inner node has the elements around it.
         if !outer[node] {

@@ -6,8 +6,9 @@
 )]
 
 use crate::common::{jittered, silica};
+use arlequin_core::geometry::Cell;
 use arlequin_core::nalgebra::{Matrix3, Point3, Rotation3, Vector3};
-use arlequin_core::{Model, NodallyWeighted, Recovered, SymmetricTensor, Weight};
+use arlequin_core::{Model, NodallyWeighted, Recovered, SymmetricTensor, Uniform, Weight};
 use fem_ref::{Elastic, ElementKind, FemModel, generate};
 
 fn recovered(model: &dyn Model<f64>, q: &[f64], nodes: &[usize]) -> Vec<Recovered<f64>> {
@@ -195,4 +196,63 @@ fn a_node_of_the_surface_takes_the_patch_of_the_nearest_inner_node() {
     assert_eq!(recovered(&model, &q, &face), before);
     q[3 * node(2.0, 3.0, 1.0)] += 1.0;
     assert_ne!(recovered(&model, &q, &face), before);
+}
+
+/// A weight of one up to `x = 2`, where a zone begins.
+#[derive(Debug)]
+struct Left;
+
+impl Weight<f64> for Left {
+    fn value(&self, x: &Point3<f64>) -> f64 {
+        f64::from(u8::from(x.x < 2.0))
+    }
+
+    fn mean(&self, cell: &Cell<f64>) -> f64 {
+        let corners = cell.corners();
+        let sum = corners.iter().fold(0.0, |s, x| s + x.x);
+        f64::from(u8::from(sum / (corners.len() as f64) < 2.0))
+    }
+}
+
+/// Elements without weight sleep: their displacements are old, and must not enter stresses beside them.
+#[test]
+fn stresses_beside_elements_that_sleep_are_those_of_the_others() {
+    for kind in [ElementKind::Hex8, ElementKind::Tet4] {
+        let block = generate::block(kind, Point3::origin(), Point3::new(4.0, 3.0, 3.0), [4, 3, 3]).unwrap();
+        let nodes = block.nodes().to_vec();
+        let material = Elastic::new(2.0, 0.25, 1.0).unwrap();
+        let mut model = FemModel::new("body", block, material).unwrap();
+        // In flight: where elements sleep, nodes stay behind.
+        let q: Vec<f64> = nodes
+            .iter()
+            .flat_map(|x| {
+                if x.x < 2.5 {
+                    [100.0 + 0.01 * x.x, 7.0, 0.0]
+                } else {
+                    [0.0; 3]
+                }
+            })
+            .collect();
+        let awake: Vec<usize> = (0..nodes.len()).filter(|k| nodes[*k].x < 2.5).collect();
+        let everywhere: Vec<f64> = nodes
+            .iter()
+            .flat_map(|x| [100.0 + 0.01 * x.x, 7.0, 0.0])
+            .collect();
+        let expected = recovered(&model, &everywhere, &awake);
+        model.set_internal_weight(&Left).unwrap();
+        for (a, b) in recovered(&model, &q, &awake).iter().zip(&expected) {
+            for (x, y) in a.stress.0.iter().zip(b.stress.0) {
+                assert!((x - y).abs() < 1e-12, "{kind:?}: {x} and {y} Pa");
+            }
+        }
+        // All of the body wakes again.
+        model.set_internal_weight(&Uniform(1.0)).unwrap();
+        let all: Vec<usize> = (0..nodes.len()).collect();
+        let again = recovered(&model, &everywhere, &all);
+        assert!(
+            again
+                .iter()
+                .all(|r| (r.stress.0[0] - expected[0].stress.0[0]).abs() < 1e-12)
+        );
+    }
 }
