@@ -246,8 +246,8 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
             "small rotations",
         ),
         (
-            "[[effect]]",
-            "[[effect]]\nobstacle = { models = [\"crack\"], shape.ball = { centre = [0.0, 0.0, 1.0], radius = 1e-3 } }\n\n[[effect]]",
+            "[time]",
+            "[[effect]]\nmodels = [\"crack\"]\nobstacle = { shape.sphere = { centre = [0.0, 0.0, 1.0], radius = 1e-3 } }\n\n[time]",
             "has obstacle",
         ),
         ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
