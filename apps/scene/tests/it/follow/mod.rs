@@ -109,6 +109,45 @@ fn faces_of_a_crack_that_closes_touch() {
     assert!(drift < 1e-9, "{drift:e}");
 }
 
+/// In flight, what sleeps stays behind: awake spheres fly through sleeping ones without contact, and no
+/// displacement of an element that sleeps enters a stress.
+#[test]
+fn what_sleeps_is_left_behind_by_a_plate_that_flies() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
+    let text = std::fs::read_to_string(path).expect("a shipped scene");
+    let supports = text.find("[[support]]").expect("a table");
+    let flight = |velocity: f64| {
+        let tables = format!(
+            "[[initial]]\nmodels = [\"body\"]\nvelocity.uniform = [{velocity:e}, 0.0, 0.0]\n\n\
+             [[initial]]\nmodels = [\"body\"]\nvelocity.polynomial = {{ component = \"y\", along = \"y\", \
+             coefficients = [-0.8, 80.0] }}\n\n[[effect]]\nfracture = {{ gc = 8.0 }}\n\n[[effect]]\ncontact = {{}}\n\n\
+             [time]\nend = 24e-6\n\n[probe.side]\nmodel = \"body\"\nat = [39.5e-3, 12.2e-3, 0.5e-3]\n\
+             quantity = \"von-mises\"\n"
+        );
+        let scene_text = [&text[..supports], &tables]
+            .concat()
+            .replace(COARSE[0].0, COARSE[0].1);
+        run(&Scene::from_text(&scene_text).unwrap_or_else(|e| panic!("{e}\n{scene_text}")))
+    };
+    let [rests, flies] = [1e-6, 30.0].map(flight);
+    let works = [&rests, &flies].map(|r| r.summary().energy.ledger["crack/contact"]);
+    let tops = [&rests, &flies].map(|r| {
+        r.probe("side")
+            .expect("a probe")
+            .1
+            .iter()
+            .copied()
+            .fold(0.0, f64::max)
+    });
+    println!("works of contact {works:?} J, stresses {tops:?} Pa");
+    assert!(flies.summary().conversions.len() > 1);
+    assert!(
+        works[0] < -1e-9 && (works[1] / works[0] - 1.0).abs() < 0.05,
+        "{works:?} J"
+    );
+    assert!(tops[0] < 50e6 && tops[1] < 1.2 * tops[0], "{tops:?} Pa");
+}
+
 #[test]
 fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
     let (follows, alone) = (run(&scene(&[])), run(&alone(&[])));
