@@ -247,8 +247,8 @@ fn stresses_beside_elements_that_sleep_are_those_of_the_others() {
         }
         // All of the body wakes again.
         model.set_internal_weight(&Uniform(1.0)).unwrap();
-        let all: Vec<usize> = (0..nodes.len()).collect();
-        let again = recovered(&model, &everywhere, &all);
+        let numbers: Vec<usize> = (0..nodes.len()).collect();
+        let again = recovered(&model, &everywhere, &numbers);
         assert!(
             again
                 .iter()

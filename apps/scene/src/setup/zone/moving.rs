@@ -127,6 +127,12 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             "loose grains have no bond that could be loaded, and would sleep; take dem.loose = \"drop\"",
         );
     }
+    check_effects(scene, &path, limits)
+}
+
+/// Refuses effects that a zone that moves cannot have; `path` is the key of `limits`.
+fn check_effects(scene: &LoweredScene, path: &str, limits: &FollowTable) -> Result<()> {
+    let refuse = |rule: &str| Err(key(path, rule));
     let mut breaks = false;
     for e in scene.effect.iter().filter(|e| e.enabled) {
         match &e.kind {
