@@ -57,9 +57,10 @@ pub trait Real:
     /// factorisation breaks down.
     fn negative_pivots(matrix: &CsMat<Self>, shift: Self) -> Option<Vec<usize>>;
 
-    /// Overwrites the lower triangle of a dense positive semidefinite matrix, column major, `n × n`, with its
-    /// Cholesky factor with complete pivoting. Returns the order of the rows and the number of columns, which
-    /// ends where pivots are round-off. `None` for a diagonal with a negative number or a NaN.
+    /// Factors a dense positive semidefinite matrix by Cholesky's method with complete pivoting. The matrix
+    /// is `n × n`, column major; its lower triangle is overwritten with the factor. Returns the order of the
+    /// rows and the rank: the method ends where pivots are round-off. `None` if the diagonal has a negative
+    /// number or a NaN.
     fn pivoted_cholesky(n: usize, column_major: &mut [Self]) -> Option<(Vec<usize>, usize)>;
 
     /// Sparse LU factor with partial pivoting, for the indefinite systems of the static twin.

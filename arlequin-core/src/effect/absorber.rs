@@ -64,7 +64,7 @@ struct AttachedAbsorber<T: Real> {
     inverse_inertia: Vec<T>,
     /// Velocities of `nodes` at the whole step.
     velocity: Vec<T>,
-    /// True where the last step had no impulse: the forces are zero, whatever `force` holds.
+    /// True if the last step had no impulse. The forces are then zero, and `force` holds older ones.
     rests: bool,
     /// `m η` of each node.
     damping: Vec<T>,
@@ -160,7 +160,8 @@ impl<T: Real> AttachedAbsorber<T> {
         self
     }
 
-    /// Takes the inverse masses of the nodes here from those of the model.
+    /// Sets the inverse masses of this rank's damped nodes; `inverse_inertia` has those of all unknowns of
+    /// the model.
     fn with_masses(mut self, inverse_inertia: &[T]) -> Self {
         let d = self.components;
         let nodes = self.local_nodes.iter().map(|l| l[1] as usize * d);
@@ -174,7 +175,7 @@ impl<T: Real> AttachedAbsorber<T> {
     /// Number of own steps of which one has an impulse.
     fn interval(&self, dt: T) -> usize {
         let steps = T::of(IMPULSE) / (self.top_rate * dt);
-        // A rate of zero has no impulses to wait for.
+        // Infinite if no node is damped: the conversion then gives the largest integer.
         (steps.as_f64() as usize).clamp(1, u32::MAX as usize)
     }
 

@@ -99,8 +99,8 @@ pub struct Instant<'a, T> {
     pub v_half: &'a [T],
     /// Length of the step that led here \[s\]; zero at the start of a run.
     pub dt: T,
-    /// Own steps of the model since the start of the run; zero where no step led here, as at the start, after
-    /// a change of weights and at rest.
+    /// Number of own steps that the model has made since the start of the run. Zero if no step led to this
+    /// instant: at the start, after a change of weights, and at rest.
     pub number: usize,
     /// Weighted internal forces of the model now \[N, N m\].
     pub internal: &'a [T],
@@ -251,8 +251,8 @@ pub trait Effect<T: Real>: AnyEffect<T> {
         None
     }
 
-    /// Takes the new weights of its subdomain, and keeps its state. Only effects can do this that a change of
-    /// weights keeps ([`crate::Rezoning::with_kept_effect`]).
+    /// Adapts the effect to new weights of its subdomain without losing its state. A change of weights calls
+    /// this for effects that are not made anew ([`crate::Rezoning::with_kept_effect`]).
     ///
     /// # Errors
     /// [`crate::Error::Unsupported`] by default.

@@ -56,7 +56,7 @@ fn select_dense<T: Real>(scaled: &CsMat<T>, limit: T) -> Option<Selection<T>> {
     Some(selection)
 }
 
-/// Selects entry by entry.
+/// Selects by a sparse factor, for more rows than a dense matrix should have.
 fn select_sparse<T: Real>(scaled: &CsMat<T>, limit: T) -> Option<Selection<T>> {
     let n = scaled.rows();
     let mut pivot: Vec<T> = (0..n)

@@ -2,7 +2,7 @@
 
 use super::account::Energies;
 use super::{Stepper, Subdomain};
-use crate::effect::{Attached, EffectSpec};
+use crate::effect::{Attached, Effect, EffectSpec};
 use crate::error::invalid;
 use crate::weight::{Changed, Weighting, Weights};
 use crate::{Error, Real, Result, parallel};
@@ -61,9 +61,9 @@ impl<T: Real> Subdomain<T> {
         })
     }
 
-    /// Changes the weights. `effects` replace those of the subdomain, which keep their works and memories; in
-    /// the place of `None` the old effect stays.
-    /// The state stays; forces are those of the old weights until the next start.
+    /// Changes the weights. `effects` replace those of the subdomain and take over their works and memories;
+    /// where there is `None`, the old effect stays. The state stays; forces are those of the old weights
+    /// until the next start.
     pub(crate) fn reweigh(
         &mut self,
         weights: Weights<T>,
@@ -93,8 +93,22 @@ impl<T: Real> Subdomain<T> {
         self.forces.reclaim(self.inertia.len());
         self.forces.expect_anywhere();
         self.energies = Energies::unknown();
+        // Put back also after an error, so that a run that ends names its effects.
         let mut attached = std::mem::take(&mut self.effects);
-        for (k, (spec, old)) in effects.into_iter().zip(&mut attached).enumerate() {
+        let renewed = self.renew(&mut attached, effects);
+        self.effects = attached;
+        renewed?;
+        let (run, steps) = (self.pace.dt * T::of(self.pace.steps as f64), self.pace.steps);
+        match self.stepper {
+            // The matrix holds masses and stiffness.
+            Stepper::Average(_) => self.set_pace(run, steps),
+            _ => Ok(()),
+        }
+    }
+
+    /// Gives the attached effects the present weights, by the new effects or by themselves.
+    fn renew(&self, attached: &mut [Attached<T, dyn Effect<T>>], effects: Vec<NewEffect<T>>) -> Result<()> {
+        for (k, (spec, old)) in effects.into_iter().zip(attached).enumerate() {
             let Some(spec) = spec else {
                 old.effect.reweigh(&self.host())?;
                 continue;
@@ -109,13 +123,7 @@ impl<T: Real> Subdomain<T> {
             new.restore(old.work(), &old.effect.save())?;
             *old = new;
         }
-        self.effects = attached;
-        let (run, steps) = (self.pace.dt * T::of(self.pace.steps as f64), self.pace.steps);
-        match self.stepper {
-            // The matrix holds masses and stiffness.
-            Stepper::Average(_) => self.set_pace(run, steps),
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     /// Invariant \[J\] that the next own step will have, for a linear law and the velocities `v⁺` that the

@@ -127,8 +127,8 @@ impl<T: Real> Rezoning<T> {
         self
     }
 
-    /// Keeps the next effect of a subdomain with new weights, in the order of [`Self::with_effect`]; it takes
-    /// the weights itself ([`crate::effect::Effect::reweigh`]).
+    /// Keeps an effect of a subdomain with new weights, in its place among the calls of
+    /// [`Self::with_effect`]. The effect adapts itself to the weights ([`crate::effect::Effect::reweigh`]).
     #[must_use]
     pub fn with_kept_effect(mut self, subdomain: usize) -> Self {
         self.effects.push((subdomain, None));

@@ -62,7 +62,7 @@ struct Space {
     p: Vec<f64>,
     /// Forces `−K p`.
     f: Vec<f64>,
-    /// Inertia of each node, for its displacement and then, after all of these, for its rotation.
+    /// Masses of all nodes \[kg\], then their moments of inertia \[kg m²\].
     mass: Vec<f64>,
     /// Square `s` of the rate.
     square: f64,
@@ -116,7 +116,7 @@ impl Space {
         Ok(())
     }
 
-    /// Replaces the forces by `(K + s M) p`; returns its product with `p`.
+    /// Replaces the forces `−K p` by `(K + s M) p`, and returns `pᵀ (K + s M) p`.
     fn power(&mut self) -> f64 {
         let s = self.square;
         let of_nodes = |((f, p), mass): ((&mut [f64], &[f64]), &[f64])| -> f64 {
@@ -132,7 +132,7 @@ impl Space {
         total(chunks.map(of_nodes).collect())
     }
 
-    /// Takes the residual along by a step; returns its size `rᵀ M⁻¹ r`.
+    /// Subtracts `step · f` from the residual `r`, and returns `rᵀ M⁻¹ r`.
     fn descend(&mut self, step: f64) -> f64 {
         let of_nodes = |((r, f), mass): ((&mut [f64], &[f64]), &[f64])| -> f64 {
             let nodes = r.as_chunks_mut::<3>().0.iter_mut().zip(f.as_chunks::<3>().0);
@@ -147,7 +147,7 @@ impl Space {
         total(chunks.map(of_nodes).collect())
     }
 
-    /// Takes the solution along by a step and finds the next direction, `M⁻¹ r + share · p`.
+    /// Adds `step · p` to the solution, and sets the next direction `p = M⁻¹ r + share · p`.
     fn search(&mut self, [step, share]: [f64; 2]) {
         let targets = self.x.par_chunks_mut(CHUNK).zip(self.p.par_chunks_mut(CHUNK));
         let sources = self.r.par_chunks(CHUNK).zip(self.mass.par_chunks(CHUNK / 3));
