@@ -165,6 +165,27 @@ impl Contacts {
         })
     }
 
+    /// Takes the weighted masses from the subdomain, and returns the masses without weights \[kg\].
+    fn weigh(&mut self, host: &Host<'_, f64>) -> Result<Vec<f64>> {
+        let mut mass = vec![0.0; host.model.layout().dofs()];
+        host.model.lumped_inertia(&Uniform(1.0), &mut mass)?;
+        self.forces = StepForces::new(host.inverse_inertia.to_vec());
+        let weighted = |n: usize| host.inertia[3 * n];
+        let weight = |p: &SurfacePoint| {
+            // A node that sleeps would take its part of a force without moving.
+            let sleeps = p.place.nodes().any(|(n, w)| w > 0.0 && weighted(n) <= 0.0);
+            if sleeps {
+                0.0
+            } else {
+                p.place.mean(|n| weighted(n) / mass[3 * n])
+            }
+        };
+        self.weight = self.points.iter().map(weight).collect();
+        let inverse = |p: &SurfacePoint| p.place.squared(|n| 1.0 / weighted(n));
+        self.inverse_mass = self.points.iter().map(inverse).collect();
+        Ok(mass)
+    }
+
     /// Rebuilds the list of near points if it no longer holds.
     fn refresh(&mut self, rigid: &RigidBody, q: &[f64]) {
         let near = &mut self.near;
@@ -199,11 +220,16 @@ impl Contacts {
         let count = self.near.points.len();
         for n in 0..count {
             let k = self.near.points[self.closed.turn(n, count)] as usize;
+            if self.weight[k] <= 0.0 {
+                // It sleeps where it last was, however deep that is by now.
+                self.closed.open(k);
+                continue;
+            }
             let x = Point3::from(self.points[k].position(instant.q));
             let (distance, normal) = rigid.shape().distance(&x, &rigid.moved());
             deepest.add(-distance, held, || x.coords);
             let gap = self.allowed[k] - distance;
-            if gap > 0.0 && self.weight[k] > 0.0 {
+            if gap > 0.0 {
                 self.closed.turned(self.points[k].turn(instant.q));
                 self.propose(k, gap, (distance, normal), rigid, instant);
             } else {
@@ -340,7 +366,6 @@ impl Contacts {
 impl EffectSpec<f64> for SurfaceObstacle {
     fn attach(mut self: Box<Self>, host: &Host<'_, f64>) -> Result<Box<dyn Effect<f64>>> {
         let contacts = &mut self.0;
-        let layout = host.model.layout();
         if host.model.owned().is_part() {
             return Err(Error::Unsupported {
                 model: host.model.name().to_owned(),
@@ -350,16 +375,7 @@ impl EffectSpec<f64> for SurfaceObstacle {
                 ),
             });
         }
-        let mut mass = vec![0.0; layout.dofs()];
-        host.model.lumped_inertia(&Uniform(1.0), &mut mass)?;
-        contacts.forces = StepForces::new(host.inverse_inertia.to_vec());
-        let share = |n: usize| host.inertia[3 * n] / mass[3 * n];
-        let points = &contacts.points;
-        contacts.weight = points.iter().map(|p| p.place.mean(share)).collect();
-        contacts.inverse_mass = points
-            .iter()
-            .map(|p| p.place.squared(|n| 1.0 / host.inertia[3 * n]))
-            .collect();
+        let mass = contacts.weigh(host)?;
         let body = contacts.body.clone();
         contacts.share = body.join();
         contacts.demand = contacts.demanded(&body.lock(), &mass);
@@ -462,6 +478,10 @@ impl Effect<f64> for Contacts {
             self.points[a.point as usize].place.add(&a.force, f);
         }
         true
+    }
+
+    fn reweigh(&mut self, host: &Host<'_, f64>) -> Result<()> {
+        self.weigh(host).map(|_| ())
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

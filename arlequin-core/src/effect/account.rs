@@ -1,6 +1,6 @@
 //! Accounts of effects: one line for each, for reports.
 
-use super::{AnyEffect, StepDemand};
+use super::{AnyEffect, Effect, Host, Instant, StepDemand};
 use crate::phase::Phase;
 use crate::record::Record;
 use crate::{Real, Result};
@@ -62,6 +62,27 @@ pub(crate) struct Attached<T, E: ?Sized> {
     work: T,
     /// Work of the last instant.
     last_work: T,
+    /// True if weights changed at this instant and the effect stayed: its forces stay as well.
+    kept: bool,
+}
+
+impl<T: Real> Attached<T, dyn Effect<T>> {
+    /// Gives the effect the weights of `host` ([`Effect::reweigh`]).
+    pub(crate) fn reweigh(&mut self, host: &Host<'_, T>) -> Result<()> {
+        self.effect.reweigh(host)?;
+        self.kept = true;
+        Ok(())
+    }
+
+    /// Adds the forces of the effect at an instant. Contacts that stayed through a change of weights at this
+    /// instant push as before it: anew, they would take the step that led here for a second one, and their
+    /// obstacles would lose half a step of their motion.
+    pub(crate) fn add_forces(&mut self, instant: &Instant<'_, T>, f: &mut [T]) -> Result<()> {
+        if std::mem::take(&mut self.kept) && self.effect.add_contact(f) {
+            return Ok(());
+        }
+        self.effect.add_forces(instant, f)
+    }
 }
 
 impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
@@ -70,6 +91,7 @@ impl<T: Real, E: AnyEffect<T> + ?Sized> Attached<T, E> {
             effect,
             work: T::zero(),
             last_work: T::zero(),
+            kept: false,
         }
     }
 

@@ -252,7 +252,8 @@ pub trait Effect<T: Real>: AnyEffect<T> {
     }
 
     /// Adapts the effect to new weights of its subdomain without losing its state. A change of weights calls
-    /// this for effects that are not made anew ([`crate::Rezoning::with_kept_effect`]).
+    /// this for effects that are not made anew ([`crate::Rezoning::with_kept_effect`]). At the instant of the
+    /// change, contacts then keep the forces that [`Self::add_contact`] returns.
     ///
     /// # Errors
     /// [`crate::Error::Unsupported`] by default.
@@ -271,7 +272,7 @@ pub trait Effect<T: Real>: AnyEffect<T> {
         StepDemand::none()
     }
 
-    /// Adds the last contact forces to `f`, for output. Returns `false` if the effect is no contact.
+    /// Adds the last contact forces to `f`. Returns `false` if the effect is no contact.
     fn add_contact(&self, _: &mut [T]) -> bool {
         false
     }

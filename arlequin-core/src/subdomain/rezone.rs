@@ -110,7 +110,7 @@ impl<T: Real> Subdomain<T> {
     fn renew(&self, attached: &mut [Attached<T, dyn Effect<T>>], effects: Vec<NewEffect<T>>) -> Result<()> {
         for (k, (spec, old)) in effects.into_iter().zip(attached).enumerate() {
             let Some(spec) = spec else {
-                old.effect.reweigh(&self.host())?;
+                old.reweigh(&self.host())?;
                 continue;
             };
             let mut new = Attached::new(spec.attach(&self.host())?);

@@ -274,7 +274,7 @@ impl<T: Real> Subdomain<T> {
         let (instant, total) = self.forces.instant(step_end, &self.state);
         for (k, e) in self.effects.iter_mut().enumerate() {
             announce(Phase::Effect(number, k));
-            e.effect.add_forces(&instant, total)?;
+            e.add_forces(&instant, total)?;
         }
         announce(Phase::Predict(number));
         Ok(())

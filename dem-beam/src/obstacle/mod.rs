@@ -272,7 +272,7 @@ impl Body {
             let centre = near::place(&sphere, u, i);
             let (distance, normal) = rigid.shape().distance(&centre, &rigid.moved());
             let gap = sphere[3] + self.allowed[i] - distance;
-            if gap > 0.0 {
+            if gap > 0.0 && self.grains.is_awake(i as u32) {
                 self.check_depth(&centre, -distance, rigid)?;
                 let pair = self.pair(rigid, i, gap, distance, normal, instant);
                 self.close(i, &pair, rigid, instant, f);
@@ -406,6 +406,11 @@ impl Effect<f64> for Body {
         let contacts = self.pushed();
         contacts.for_each(|(i, a)| contact::add(f, i, &a.force, &a.torque));
         true
+    }
+
+    fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
+        let effect = format!("obstacle '{}'", self.name);
+        self.grains.attach(host, &effect)
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

@@ -145,7 +145,7 @@ fn simple_effect(k: usize, e: &Effect) -> Result<Option<Chosen>> {
 }
 
 /// Builds the effects of model `m` anew for a change of weights, in the order in which [`Attachments`] has
-/// them: those before an absorber, and those after all others. `None` for contact, which stays.
+/// them: those before an absorber, and those after all others. `None` for contacts and obstacles, which stay.
 pub(super) fn effects_anew(scene: &LoweredScene, m: usize) -> Result<[Vec<Option<Chosen>>; 2]> {
     let mut out = [Vec::new(), Vec::new()];
     for (k, e) in scene.effect.iter().enumerate().filter(|(_, e)| e.enabled) {
@@ -153,7 +153,7 @@ pub(super) fn effects_anew(scene: &LoweredScene, m: usize) -> Result<[Vec<Option
             continue;
         }
         match e.kind {
-            EffectKind::Contact(_) => out[0].push(None),
+            EffectKind::Contact(_) | EffectKind::Obstacle(_) => out[0].push(None),
             EffectKind::LocalDamping(_) => out[1].extend(simple_effect(k, e)?.map(Some)),
             _ => out[0].extend(simple_effect(k, e)?.map(Some)),
         }

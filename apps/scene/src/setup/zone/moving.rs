@@ -150,19 +150,18 @@ fn check_effects(scene: &LoweredScene, path: &str, limits: &FollowTable) -> Resu
                     "weights cannot change where contact is between two models; remove it, or follow",
                 );
             }
-            EffectKind::Contact(_) if limits.release.is_some() => {
-                return Err(key(
-                    format!("{path}.release"),
-                    "spheres that touch must not fall asleep; remove release, or the effect contact",
-                ));
-            }
-            EffectKind::Contact(_) => {}
-            EffectKind::Obstacle(_) | EffectKind::BulkViscosity(_) => {
+            EffectKind::Contact(_) | EffectKind::Obstacle(_) if limits.release.is_some() => {
                 let rule = format!(
-                    "the scene has {}, which spheres and elements that sleep cannot have; remove it, or follow",
+                    "spheres that touch must not fall asleep; remove release, or the effect {}",
                     e.kind.key()
                 );
-                return refuse(&rule);
+                return Err(key(format!("{path}.release"), rule));
+            }
+            EffectKind::Contact(_) | EffectKind::Obstacle(_) => {}
+            EffectKind::BulkViscosity(_) => {
+                return refuse(
+                    "the scene has bulk_viscosity, which elements that sleep cannot have; remove it, or follow",
+                );
             }
         }
     }
@@ -347,6 +346,19 @@ impl Moving {
     /// See [`Self::mesh`].
     pub(crate) fn barred(&self) -> Result<Vec<Option<Bar>>> {
         self.piece.barred(&self.scene, &self.folder)
+    }
+
+    /// For each element of the body: true if it is so near to nodes that an obstacle touches that the overlap
+    /// of a zone with this element would have one of them.
+    ///
+    /// # Errors
+    /// See [`Self::mesh`].
+    pub(crate) fn near_touched(&self, touched: &[bool]) -> Result<Vec<bool>> {
+        let mark = |touched: &bool| touched.then_some(Bar::Touched);
+        let near = self
+            .piece
+            .near(touched.iter().map(mark).collect(), &self.folder)?;
+        Ok(near.iter().map(Option::is_some).collect())
     }
 
     /// Returns the probes whose model sleeps at their place, each with this model.
