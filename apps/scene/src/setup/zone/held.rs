@@ -79,7 +79,8 @@ pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Re
     let begins = piece.elements_alone(folder)?;
     let path = format!("zone.{name}.follow");
     match begins.iter().zip(&barred).find_map(|(own, b)| b.filter(|_| *own)) {
-        None => Ok(()),
+        // What an obstacle touches is known in the run alone.
+        None | Some(Bar::Touched) => Ok(()),
         Some(Bar::Anchor(k)) => {
             let rule = format!(
                 "the zone begins so near to {} that its overlap reaches the nodes of this; take a smaller shape, a narrower overlap, \

@@ -230,6 +230,11 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ("follow = true", "follow.release = -0.1", "follow.release"),
         (
             "follow = true",
+            "follow.release = 0.2\n\n[[effect]]\nmodels = [\"crack\"]\nobstacle = { shape.sphere = { centre = [0.0, 0.0, 1.0], radius = 1e-3 } }",
+            "remove release, or the effect obstacle",
+        ),
+        (
+            "follow = true",
             "follow = true\nmaterial = { young = 30e9, poisson = 0.2, density = 2440.0 }",
             "zone.crack.material",
         ),
@@ -247,8 +252,8 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ),
         (
             "[time]",
-            "[[effect]]\nmodels = [\"crack\"]\nobstacle = { shape.sphere = { centre = [0.0, 0.0, 1.0], radius = 1e-3 } }\n\n[time]",
-            "has obstacle",
+            "[[effect]]\nmodels = [\"body\"]\nbulk_viscosity = {}\n\n[time]",
+            "has bulk_viscosity",
         ),
         ("[[effect]]\nfracture = { gc = 8.0 }\n", "", "nothing breaks"),
         (

@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 mod limits;
+mod obstacles;
 
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, locked};
