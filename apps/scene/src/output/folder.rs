@@ -9,7 +9,7 @@
 //! NAME.unfinished.replaced   a run that could be resumed, while a run with --force replaces it
 //! ```
 
-use super::mark::{self, Mark};
+use super::mark::{self, FileList, Mark};
 use crate::error::{Error, Result, value, write};
 use std::path::{Path, PathBuf};
 
@@ -195,10 +195,10 @@ impl Folder {
     }
 
     /// Renames the folder to its target. Results of a run that `failed` do not replace earlier ones; their
-    /// folder gets the ending `failed`.
-    pub fn finish(mut self, failed: bool) -> Result<PathBuf> {
+    /// folder gets the ending `failed`. Files of `written` need not be read again.
+    pub(crate) fn finish(mut self, failed: bool, written: &FileList) -> Result<PathBuf> {
         let partial = self.partial.clone();
-        self.settle(failed)
+        self.settle(failed, written)
             .map_err(|e| e.kept("the results are", &partial))
     }
 
@@ -208,10 +208,10 @@ impl Folder {
         error.kept("what there is so far is", &self.partial)
     }
 
-    fn settle(&mut self, failed: bool) -> Result<PathBuf> {
+    fn settle(&mut self, failed: bool, written: &FileList) -> Result<PathBuf> {
         // Finished results are kept even if renaming fails.
         self.is_kept = true;
-        let sealed = self.mark.seal(&self.partial);
+        let sealed = self.mark.seal(&self.partial, written);
         if !failed {
             sealed?;
         }

@@ -1,6 +1,8 @@
 //! Frames: files with the state of all models and mediators at one instant.
 
+use super::Fingerprint;
 use super::fields;
+use super::mark::FileList;
 use super::painter::{Painter, Seen, vectors};
 use super::pieces::Piece;
 use super::writer::{Array, Entry, Picture, WRITERS, Writer};
@@ -27,6 +29,8 @@ pub struct Frames {
     mediators: Vec<Grid>,
     rigid: Vec<RigidPicture>,
     entries: Vec<Entry>,
+    /// Files that this process has written, by their paths in the folder of the results.
+    written: FileList,
 }
 
 /// Everything that frames show.
@@ -50,6 +54,7 @@ struct Written {
     models: Vec<(Entry, Option<PieceArrays>)>,
     /// Paths of the files of this rank.
     files: Vec<PathBuf>,
+    sums: FileList,
     /// First error.
     failed: Result<()>,
 }
@@ -109,6 +114,7 @@ impl Frames {
             mediators: pictures.mediators,
             rigid: pictures.rigid,
             entries: Vec::new(),
+            written: FileList::new(),
         }
     }
 
@@ -125,6 +131,11 @@ impl Frames {
     /// Returns whether this rank writes the index and the models that are not partitioned.
     fn leads(&self) -> bool {
         self.folder.is_some() && self.ranks.as_ref().is_none_or(Ranks::leads)
+    }
+
+    /// Files that this process has written, by their paths in the folder of the results.
+    pub(crate) fn written(&self) -> &FileList {
+        &self.written
     }
 
     /// Entries of the files written so far.
@@ -181,8 +192,8 @@ impl Frames {
 
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
-        // Per point position and multiplier, per cell an 8-byte offset and a 1-byte type.
-        let mediator = |v: &Grid| 48 * v.points.len() + 8 * v.connectivity.len() + 9 * v.cells();
+        // Per point position and multiplier, per cell a 4-byte offset and a 1-byte type.
+        let mediator = |v: &Grid| 48 * v.points.len() + 4 * v.connectivity.len() + 5 * v.cells();
         let models = self.models.iter().map(|m| m.bytes(&self.fields));
         models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
@@ -223,6 +234,7 @@ impl Frames {
         let mut written = Written {
             models: Vec::new(),
             files: Vec::new(),
+            sums: FileList::new(),
             failed: Ok(()),
         };
         let shown = self.write_models(run, &mut written);
@@ -239,6 +251,7 @@ impl Frames {
             });
         }
         done?;
+        self.written.append(&mut written.sums);
         let Some(folder) = self.folder.clone().filter(|_| self.leads()) else {
             return Ok(());
         };
@@ -281,9 +294,12 @@ impl Frames {
             (Some(_), Some(ranks)) => self.piece_file(&name, ranks.rank()),
             _ => format!("{name}.{whole}"),
         };
-        let path = folder.join(file);
+        let path = folder.join(&file);
         // Kept and not returned: the other ranks wait in the collective calls that follow.
-        to.failed = self.format.write_grid(&path, &p, piece);
+        to.failed = self.format.write_grid(&path, &p, piece).map(|fingerprint| {
+            to.sums
+                .insert(Path::new(self.format.name()).join(&file), fingerprint);
+        });
         // A file that failed is listed as well, so that its beginning is removed.
         to.files.push(path);
         let ending = if piece.is_some() { pieces } else { whole };
@@ -312,7 +328,9 @@ impl Frames {
                 cells: Vec::new(),
             };
             let place = (self.models.len() + k, picture.name.as_str());
-            self.entries.push(self.write_whole(run, folder, place, &picture)?);
+            let (entry, fingerprint) = self.write_whole(run, folder, place, &picture)?;
+            self.written.insert(PathBuf::from(&entry.file), fingerprint);
+            self.entries.push(entry);
         }
         Ok(())
     }
@@ -353,8 +371,9 @@ impl Frames {
                 points: arrays,
                 cells: Vec::new(),
             };
-            self.entries
-                .push(self.write_whole(run, folder, (part, &stem), &picture)?);
+            let (entry, fingerprint) = self.write_whole(run, folder, (part, &stem), &picture)?;
+            self.written.insert(PathBuf::from(&entry.file), fingerprint);
+            self.entries.push(entry);
         }
         Ok(())
     }
@@ -367,10 +386,10 @@ impl Frames {
         folder: &Path,
         (part, stem): (usize, &str),
         picture: &Picture<'_>,
-    ) -> Result<Entry> {
+    ) -> Result<(Entry, Fingerprint)> {
         let file = format!("{stem}_{:08}.{}", run.steps(), self.format.endings()[0]);
-        self.format.write_grid(&folder.join(&file), picture, None)?;
-        Ok(self.entry(run, part, &picture.name, file))
+        let fingerprint = self.format.write_grid(&folder.join(&file), picture, None)?;
+        Ok((self.entry(run, part, &picture.name, file), fingerprint))
     }
 
     fn entry(&self, run: &Coupled<f64>, part: usize, name: &str, file: String) -> Entry {

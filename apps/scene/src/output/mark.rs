@@ -10,8 +10,8 @@
 //! During a run there is no list. Then the names that a run uses decide, and a lock shows that the run goes
 //! on.
 
-use super::fingerprint;
 use super::writer::WRITERS;
+use super::{Fingerprint, fingerprint};
 use crate::error::{Error, Result, write};
 use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
@@ -35,8 +35,8 @@ enum Kind {
     Other,
 }
 
-/// Files that the mark lists, each with its length \[bytes\] and the CRC-32 of its bytes.
-type FileList = BTreeMap<PathBuf, (u64, u32)>;
+/// Files that the mark lists.
+pub(crate) type FileList = BTreeMap<PathBuf, Fingerprint>;
 
 /// Returns whether a file still has the bytes that the run wrote. False for a file that cannot be read.
 fn is_unchanged(list: &FileList, folder: &Path, name: &Path) -> bool {
@@ -107,12 +107,16 @@ impl Mark {
         Ok(Some(Self(file)))
     }
 
-    /// Lists the files that the run wrote. From then on exactly these files, unchanged, may be replaced.
-    pub fn seal(&mut self, folder: &Path) -> Result<()> {
+    /// Lists the files that the run wrote, of which it has `known` some. From then on exactly these files,
+    /// unchanged, may be replaced.
+    pub(crate) fn seal(&mut self, folder: &Path, known: &FileList) -> Result<()> {
         let mut text = HEAD.to_owned();
         for (name, kind) in entries(folder)? {
             if kind == Kind::File && is_ours(&name) && name != Path::new(NAME) {
-                let (length, sum) = fingerprint(&folder.join(&name))?;
+                let (length, sum) = match known.get(&name) {
+                    Some(fingerprint) => *fingerprint,
+                    None => fingerprint(&folder.join(&name))?,
+                };
                 text += &format!("{length} {sum:08x} {}\n", name.display());
             }
         }

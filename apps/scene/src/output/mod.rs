@@ -41,20 +41,64 @@ pub fn csv(path: &Path, names: &[String], columns: &[&[f64]]) -> Result<()> {
 
 /// Writes a file completely, or removes it: on a full disk, half a file would take space from others.
 pub fn put(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    put_with(path, |file| parts.iter().try_for_each(|p| file.write_all(p)))
+    put_with(path, |file| parts.iter().try_for_each(|p| file.write_all(p))).map(|_| ())
 }
 
-/// Works like [`put`] with a function that writes the file.
+/// Works like [`put`] with a function that writes the file; returns its fingerprint.
 pub(crate) fn put_with(
     path: &Path,
-    write_parts: impl FnOnce(&mut File) -> std::io::Result<()>,
-) -> Result<()> {
-    File::create(path)
-        .and_then(|mut f| write_parts(&mut f))
-        .map_err(|e| {
-            let _ = std::fs::remove_file(path);
-            write(path)(e)
-        })
+    write_parts: impl FnOnce(&mut Counted<File>) -> std::io::Result<()>,
+) -> Result<Fingerprint> {
+    let write_all = |file| {
+        let mut file = Counted::new(file);
+        write_parts(&mut file)?;
+        Ok(file.fingerprint())
+    };
+    File::create(path).and_then(write_all).map_err(|e| {
+        let _ = std::fs::remove_file(path);
+        write(path)(e)
+    })
+}
+
+/// Length \[bytes\] and CRC-32 of a file.
+pub(crate) type Fingerprint = (u64, u32);
+
+/// Takes the fingerprint of the bytes that pass to or from a file.
+pub(crate) struct Counted<F> {
+    file: F,
+    length: u64,
+    sum: crc32fast::Hasher,
+}
+
+impl<F> Counted<F> {
+    fn new(file: F) -> Self {
+        Self {
+            file,
+            length: 0,
+            sum: crc32fast::Hasher::new(),
+        }
+    }
+
+    fn count(&mut self, bytes: &[u8]) {
+        self.sum.update(bytes);
+        self.length += bytes.len() as u64;
+    }
+
+    fn fingerprint(self) -> Fingerprint {
+        (self.length, self.sum.finalize())
+    }
+}
+
+impl std::io::Write for Counted<File> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.count(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// Returns a value as indented JSON; `what` names the task in an error.
@@ -68,22 +112,18 @@ pub fn json(what: &'static str, value: &impl serde::Serialize) -> Result<String>
     })
 }
 
-/// Length \[bytes\] and CRC-32 of a file; reads the file in blocks.
-pub(crate) fn fingerprint(path: &Path) -> Result<(u64, u32)> {
+/// Reads a file in blocks for its fingerprint.
+pub(crate) fn fingerprint(path: &Path) -> Result<Fingerprint> {
     let read = |source| Error::Read {
         path: path.to_owned(),
         source,
     };
-    let mut file = File::open(path).map_err(read)?;
-    let (mut length, mut sum) = (0, crc32fast::Hasher::new());
+    let mut file = Counted::new(File::open(path).map_err(read)?);
     let mut block = vec![0; 1 << 16];
     loop {
-        match file.read(&mut block).map_err(read)? {
-            0 => return Ok((length, sum.finalize())),
-            n => {
-                sum.update(&block[..n]);
-                length += n as u64;
-            }
+        match file.file.read(&mut block).map_err(read)? {
+            0 => return Ok(file.fingerprint()),
+            n => file.count(&block[..n]),
         }
     }
 }

@@ -88,7 +88,7 @@ impl Painter {
 
     /// Bytes of one frame, without headers.
     pub(super) fn bytes(&self, fields: &[OutputField]) -> usize {
-        let fixed = 24 * self.grid.points.len() + 8 * self.grid.connectivity.len() + 9 * self.grid.cells();
+        let fixed = 24 * self.grid.points.len() + 4 * self.grid.connectivity.len() + 5 * self.grid.cells();
         let weights = if fields.contains(&OutputField::Weights) {
             24
         } else {

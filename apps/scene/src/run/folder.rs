@@ -159,7 +159,7 @@ impl Session<'_> {
         };
         let mut folder = None;
         if let Some(partial) = self.keep.and_then(|k| k.folder) {
-            let place = partial.finish(false)?;
+            let place = partial.finish(false, &self.recorder.files())?;
             if end == End::Complete {
                 // Only after the results are in place: a run killed in between would have neither.
                 checkpoint::remove(&place)?;
@@ -207,7 +207,7 @@ impl Session<'_> {
             what += &format!(", but for what failed too ({})", lost.join("; "));
         }
         let path = folder.path().to_owned();
-        match folder.finish(true) {
+        match folder.finish(true, &self.recorder.files()) {
             Ok(place) => error.kept(what, &place),
             Err(e) => error.kept(format!("{what}; {e};"), &path),
         }

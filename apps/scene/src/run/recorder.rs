@@ -3,6 +3,7 @@
 use crate::error::{Error, Result, core};
 use crate::output::curves::{CurveAxis, CurveLine};
 use crate::output::fragments::{Fragments, Piece};
+use crate::output::mark::FileList;
 use crate::output::summary::LoadStep;
 use crate::output::tables::Table;
 use crate::output::{Entry, Frames};
@@ -305,6 +306,13 @@ impl Recorder {
             Some(frames) if due => frames.write(run),
             _ => Ok(()),
         }
+    }
+
+    /// Files of frames that this process has written, by their paths in the folder of the results.
+    pub(super) fn files(&self) -> FileList {
+        self.frames
+            .as_ref()
+            .map_or_else(FileList::new, |f| f.written().clone())
     }
 
     /// Returns whether the step just made writes a frame.

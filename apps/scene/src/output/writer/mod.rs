@@ -2,6 +2,7 @@
 
 mod vtu;
 
+use super::Fingerprint;
 use super::pieces::Piece;
 use crate::error::{Result, unknown};
 use crate::setup::Grid;
@@ -24,8 +25,8 @@ pub(crate) trait Writer: Debug + Sync {
     /// Names that [`Writer::write_index`] gives to files; the first one is the index.
     fn indices(&self) -> &'static [&'static str];
 
-    /// Writes a grid, or `piece` of a partitioned one.
-    fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<()>;
+    /// Writes a grid, or `piece` of a partitioned one; returns the fingerprint of the file.
+    fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<Fingerprint>;
 
     /// Writes the file that lists the pieces of a grid, which are in the same folder. `arrays` of points and
     /// of cells have no values.

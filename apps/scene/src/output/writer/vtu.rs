@@ -3,7 +3,7 @@
 use super::{Array, Entry, Picture, Piece, Writer};
 use crate::error::Result;
 use crate::output::painter::ASLEEP;
-use crate::output::{put, put_with};
+use crate::output::{Counted, Fingerprint, put, put_with};
 use arlequin::dem_beam::vtu::{CELL_NUMBERS, GHOSTS, POINT_NUMBERS};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -19,7 +19,7 @@ const POSITION: &str = "position [m]";
 const BLOCK: usize = 1 << 13;
 
 /// Writes the bytes of an array.
-type WriteArray<'a> = Box<dyn FnOnce(&mut File, &mut Vec<u8>) -> io::Result<()> + 'a>;
+type WriteArray<'a> = Box<dyn FnOnce(&mut Counted<File>, &mut Vec<u8>) -> io::Result<()> + 'a>;
 
 /// Data sections: their description, and the arrays, which become bytes only while they are written.
 #[derive(Default)]
@@ -118,7 +118,7 @@ impl Writer for Vtu {
         &["results.pvd", "results.pvd.tmp"]
     }
 
-    fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<()> {
+    fn write_grid(&self, path: &Path, picture: &Picture<'_>, piece: Option<&Piece>) -> Result<Fingerprint> {
         let (grid, mut a) = (picture.grid, Appended::default());
         a.section("PointData", piece.map(|_| POINT_NUMBERS), |a| {
             picture.points.iter().for_each(|x| a.floats(x));
@@ -143,10 +143,11 @@ impl Writer for Vtu {
         });
         a.section("Cells", None, |a| {
             let (corners, cells) = (&grid.connectivity, grid.cells());
-            let numbers = corners.iter().map(|k| i64::from(*k).to_le_bytes());
-            a.add("Int64", "connectivity", 1, corners.len(), numbers);
-            let ends = (1..=cells).map(|k| ((k * grid.corners) as i64).to_le_bytes());
-            a.add("Int64", "offsets", 1, cells, ends);
+            // Half of the bytes of wider numbers; grids have fewer than 2³¹ corners.
+            let numbers = corners.iter().map(|k| k.cast_signed().to_le_bytes());
+            a.add("Int32", "connectivity", 1, corners.len(), numbers);
+            let ends = (1..=cells).map(|k| ((k * grid.corners) as i32).to_le_bytes());
+            a.add("Int32", "offsets", 1, cells, ends);
             a.add("UInt8", "types", 1, cells, std::iter::repeat([grid.cell_type]));
         });
         let head = format!(

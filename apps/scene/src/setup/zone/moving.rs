@@ -113,11 +113,6 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
     if scene.statics.is_some() {
         return refuse("has no meaning with [static]; remove one of them");
     }
-    if zone.dem.finite_rotations {
-        return refuse(
-            "the loads of bonds in the body's field are those of small rotations; remove dem.finite_rotations, or follow",
-        );
-    }
     if zone.shape.is_none() {
         check_empty(scene, name, zone)?;
     }

@@ -66,6 +66,10 @@ struct Space {
     mass: Vec<f64>,
     /// Square `s` of the rate.
     square: f64,
+    /// Factor of the masses as preconditioner, a power of two near `s`. Directions of search then have the
+    /// size of the solution, in which laws with finite rotations are linear; the bits of the solution do not
+    /// depend on it.
+    scale: f64,
 }
 
 impl Space {
@@ -83,6 +87,7 @@ impl Space {
             f: zero(),
             mass: mass.into_iter().step_by(3).collect(),
             square,
+            scale: square.log2().round().exp2(),
         })
     }
 
@@ -132,13 +137,14 @@ impl Space {
         total(chunks.map(of_nodes).collect())
     }
 
-    /// Subtracts `step · f` from the residual `r`, and returns `rᵀ M⁻¹ r`.
+    /// Subtracts `step · f` from the residual `r`, and returns `rᵀ M⁻¹ r` over the scale.
     fn descend(&mut self, step: f64) -> f64 {
+        let scale = self.scale;
         let of_nodes = |((r, f), mass): ((&mut [f64], &[f64]), &[f64])| -> f64 {
             let nodes = r.as_chunks_mut::<3>().0.iter_mut().zip(f.as_chunks::<3>().0);
             let square = |((r, f), m): ((&mut [f64; 3], &[f64; 3]), &f64)| -> f64 {
                 (0..3).for_each(|c| r[c] -= step * f[c]);
-                (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / m
+                (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / (scale * m)
             };
             nodes.zip(mass).map(square).sum()
         };
@@ -147,14 +153,16 @@ impl Space {
         total(chunks.map(of_nodes).collect())
     }
 
-    /// Adds `step · p` to the solution, and sets the next direction `p = M⁻¹ r + share · p`.
+    /// Adds `step · p` to the solution, and sets the next direction `p = M⁻¹ r + share · p`, with `M⁻¹` over
+    /// the scale.
     fn search(&mut self, [step, share]: [f64; 2]) {
+        let scale = self.scale;
         let targets = self.x.par_chunks_mut(CHUNK).zip(self.p.par_chunks_mut(CHUNK));
         let sources = self.r.par_chunks(CHUNK).zip(self.mass.par_chunks(CHUNK / 3));
         targets.zip(sources).for_each(|((x, p), (r, mass))| {
             let directions = x.as_chunks_mut::<3>().0.iter_mut().zip(p.as_chunks_mut::<3>().0);
             for (((x, p), r), m) in directions.zip(r.as_chunks::<3>().0).zip(mass) {
-                let inverse = 1.0 / m;
+                let inverse = 1.0 / (scale * m);
                 for c in 0..3 {
                     x[c] += step * p[c];
                     p[c] = r[c] * inverse + share * p[c];

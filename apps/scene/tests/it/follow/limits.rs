@@ -246,11 +246,6 @@ fn what_a_zone_that_follows_cannot_have_is_refused_by_name() {
         ("kind = \"dem\"", "kind = \"fem\"", "only spheres break"),
         ("kind = \"fem\"", "kind = \"cnem\"", "natural elements"),
         (
-            "kind = \"dem\"",
-            "kind = \"dem\"\ndem.finite_rotations = true",
-            "small rotations",
-        ),
-        (
             "[time]",
             "[[effect]]\nmodels = [\"body\"]\nbulk_viscosity = {}\n\n[time]",
             "has bulk_viscosity",

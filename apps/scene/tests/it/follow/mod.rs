@@ -307,6 +307,42 @@ fn a_run_that_is_resumed_and_one_on_other_threads_have_the_same_bits() {
     }
 }
 
+/// Finite rotations change neither where the zone goes nor what it breaks as long as nothing turns, and a run
+/// that is resumed on other threads has the same bits.
+#[test]
+fn a_zone_with_finite_rotations_goes_where_one_with_small_rotations_goes() {
+    let finite = ("dem.notch", "dem.finite_rotations = true\ndem.notch");
+    let small = run(&scene(&COARSE));
+    let scene = scene(&[COARSE[0], COARSE[1], COARSE[2], finite]);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads")
+    };
+    let whole = on(1).install(|| run(&scene));
+    let changes = [&small, &whole].map(|r| r.summary().conversions.clone());
+    let counts = [&small, &whole].map(|r| breaks(r).len());
+    let works = changes.each_ref().map(|c| c.iter().map(|c| c.work).sum::<f64>());
+    println!(
+        "{counts:?} breaks, works {works:?} J of {} and {} changes",
+        changes[0].len(),
+        changes[1].len()
+    );
+    let first = |k: usize| (changes[k][0].step, changes[k][0].cells[1]);
+    assert_eq!(first(0), first(1));
+    assert!(
+        counts[0] > 50 && counts[0].abs_diff(counts[1]) * 20 <= counts[0],
+        "{counts:?}"
+    );
+    assert!((works[1] / works[0] - 1.0).abs() < 0.1, "{works:?}");
+    let part = scene
+        .prepare()
+        .expect("built")
+        .run(&mut Stop(changes[1][1].step + 3))
+        .expect("runs");
+    let resumed = on(3).install(|| part.resume().expect("resumes").run(&mut Silent).expect("runs"));
+    assert!(bits(&resumed) == bits(&whole));
+}
+
 /// Nearly as many elements as spheres: hats of the absorber's space cannot be told apart in later overlaps.
 #[test]
 #[ignore = "half a minute"]
