@@ -85,7 +85,7 @@ pub(super) fn recovered(
     let Some(recovery) = s.model().views().recovery.filter(|_| wanted) else {
         return Ok(Vec::new());
     };
-    let (stresses, strains) = match survey {
+    let (mut stresses, mut strains) = match survey {
         Some(survey) => (std::mem::take(&mut survey.stresses), None),
         None => {
             let nodes: Vec<usize> = (0..s.model().nodes().len()).collect();
@@ -96,11 +96,15 @@ pub(super) fn recovered(
             (tensors.into_iter().map(|r| r.stress).collect(), strains)
         }
     };
-    let mut out = Vec::new();
-    for field in fields {
+    let mut out: Vec<(usize, Array<'static>)> = Vec::new();
+    // Stresses last: their array takes over the memory of the tensors, of which the others are made.
+    let is_stress = |k: &usize| fields[*k] == OutputField::Stress;
+    let (last, first): (Vec<usize>, Vec<usize>) = (0..fields.len()).partition(is_stress);
+    for k in first.into_iter().chain(last.first().copied()) {
+        let field = fields[k];
         let (name, values) = match field {
-            OutputField::Stress => ("stress [Pa]", flat(&stresses)),
-            OutputField::Strain => match &strains {
+            OutputField::Stress => ("stress [Pa]", flat(std::mem::take(&mut stresses))),
+            OutputField::Strain => match strains.take() {
                 Some(strains) => ("strain [-]", flat(strains)),
                 None => continue,
             },
@@ -114,19 +118,22 @@ pub(super) fn recovered(
             }
             _ => continue,
         };
-        let components = width(*field);
-        out.push(Array {
+        let components = width(field);
+        let array = Array {
             name: name.into(),
             components,
             values: at_points(s, piece, components, values)?.into(),
-        });
+        };
+        out.push((k, array));
     }
-    Ok(out)
+    out.sort_by_key(|(k, _)| *k);
+    Ok(out.into_iter().map(|(_, array)| array).collect())
 }
 
-/// Returns the components of tensors.
-fn flat(tensors: &[SymmetricTensor<f64>]) -> Vec<f64> {
-    tensors.iter().flat_map(|t| t.0).collect()
+/// Returns the components of tensors, in their memory.
+fn flat(tensors: Vec<SymmetricTensor<f64>>) -> Vec<f64> {
+    let rows: Vec<[f64; TENSOR]> = tensors.into_iter().map(|t| t.0).collect();
+    rows.into_flattened()
 }
 
 /// Returns whether the energy density is asked for and comes from bonds. Otherwise it comes from the
@@ -163,6 +170,7 @@ pub(super) fn contacts(
     let mut forces = vec![0.0; layout.dofs()];
     let any = run.add_contact_forces(model, &mut forces);
     forces.truncate(layout.translations());
+    forces.shrink_to_fit();
     if any {
         forces = at_points(s, piece, 3, forces)?;
     }

@@ -211,16 +211,18 @@ impl Frames {
         check_state(run, s)?;
         let piece = painter.piece.as_ref();
         let Some(seen) = Seen::gather(s, piece)? else {
-            // These gather collectively: other ranks must call them in the same order as `arrays` on rank 0.
+            // These gather collectively: other ranks must call them in the same order as rank 0 below.
+            fields::contacts(&self.fields, run, part, None)?;
             let mut survey = fields::survey(&self.fields, s)?;
             fields::recovered(&self.fields, s, survey.as_mut(), None)?;
             fields::energy_densities(&self.fields, s, survey.as_mut(), None)?;
             fields::bonds(&self.fields, s, survey, 0, None)?;
-            fields::contacts(&self.fields, run, part, None)?;
             return Ok(None);
         };
+        // First, since it needs twice its memory for a moment.
+        let contacts = fields::contacts(&self.fields, run, part, piece)?;
         let (mut points, cells) = painter.arrays(&self.fields, s, seen)?;
-        points.extend(fields::contacts(&self.fields, run, part, piece)?);
+        points.extend(contacts);
         Ok(Some(Picture {
             name: s.model().name().to_owned(),
             grid: &painter.grid,

@@ -81,8 +81,8 @@ impl Observer for Momentum {
         let fact = |name: &str| facts.iter().find(|f| f.0 == name).expect("a figure").1;
         // Its velocity is that of half a step before.
         let kick = fact("force on it x [N]") * 0.5 * run.subdomains()[0].own_dt();
-        let own = self.mass * fact("velocity x [m/s]") + kick;
-        self.all.push(run.momentum()[0].x + own);
+        let of_wedge = self.mass * fact("velocity x [m/s]") + kick;
+        self.all.push(run.momentum()[0].x + of_wedge);
         ControlFlow::Continue(())
     }
 }
@@ -126,19 +126,19 @@ fn a_free_wedge_and_a_free_plate_keep_their_momentum_through_all_changes() {
 fn a_zone_that_follows_stays_off_elements_that_an_obstacle_touches() {
     let clamps = "[[support]]\nmodel = \"body\"\nwhere = \"y-min\"\ncomponents = [\"y\"]\n\n[[support]]\nmodel = \"body\"\n\
                   where = \"y-max\"\ncomponents = [\"y\"]\nmotion = { amplitude = 6e-6, time.ramp = { duration = 40e-6 } }\n\n";
-    let rest = format!(
+    let tables = format!(
         "[[effect]]\nmass_damping = {{ rate = 1e6 }}\n\n{}[time]\nend = 24e-6\n\n[output]\nprobe_every = 20\n\n[probe.strike]\n\
          of = \"wedge\"\nquantity = \"force\"\ncomponent = \"x\"\n",
         cylinder([42.02e-3, 2e-3], "velocity = [-2.0, 0.0, 0.0]")
     );
     let follows = run(&plate(
         false,
-        &format!("{clamps}[[effect]]\nfracture = {{ gc = 8.0 }}\n\n{rest}"),
+        &format!("{clamps}[[effect]]\nfracture = {{ gc = 8.0 }}\n\n{tables}"),
     ));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
     let body = &text[..text.find("[zone.crack]").expect("a zone")];
-    let elements = run(&Scene::from_text(&format!("{body}{clamps}{rest}")).expect("a scene"));
+    let elements = run(&Scene::from_text(&format!("{body}{clamps}{tables}")).expect("a scene"));
     let force_at = |results: &Results, time: f64| {
         let (times, forces) = results.probe("strike").expect("a probe");
         let k = times.partition_point(|t| *t < time).max(1);
