@@ -143,6 +143,8 @@ pub enum ZoneShape {
     },
     /// The inside of a closed STL surface, relative to the scene file.
     File(PathBuf),
+    /// All points of several of these regions, which may lie apart: a zone with several parts.
+    Union(#[schemars(length(min = 1))] Vec<ZoneShape>),
 }
 
 impl ZoneShape {
@@ -152,7 +154,7 @@ impl ZoneShape {
             Self::Ball { centre, radius } => Some(RegionShape::Ball { centre, radius }),
             Self::Box { low, high } => Some(RegionShape::Box { low, high }),
             Self::Cylinder { point, axis, radius } => Some(RegionShape::Cylinder { point, axis, radius }),
-            Self::Near { .. } | Self::File(_) => None,
+            Self::Near { .. } | Self::File(_) | Self::Union(_) => None,
         }
     }
 }
@@ -160,5 +162,5 @@ impl ZoneShape {
 choice!(
     ZoneShape,
     "{ ball = { centre, radius } }, { box = { low, high } }, { cylinder = { point, axis, radius } }, { near = { group or \
-     file, distance } }, { file = path }"
+     file, distance } }, { file = path }, { union = [ … ] }"
 );

@@ -108,7 +108,9 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
         return refuse(rule);
     }
     if scene.zone.len() > 1 {
-        return refuse("a zone that moves must be the only one; make one zone of all, or remove follow");
+        return refuse(
+            "a zone that moves must be the only one; make one zone of all (shape.union), or remove follow",
+        );
     }
     if scene.statics.is_some() {
         return refuse("has no meaning with [static]; remove one of them");

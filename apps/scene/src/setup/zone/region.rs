@@ -22,6 +22,8 @@ pub(super) enum Place {
     Near(Faces, f64),
     /// Inside a closed surface.
     Inside(Faces, Box<Surface>),
+    /// In any of some regions.
+    Union(Vec<Self>),
 }
 
 impl Place {
@@ -59,11 +61,18 @@ impl Place {
                 let surface = files::surface(&key_path, &folder.join(file), scale)?;
                 Self::Inside(Faces::new(cloud::corners(&surface)), Box::new(surface))
             }
+            ZoneShape::Union(shapes) => {
+                let part = |(k, shape)| {
+                    Self::from_shape((&format!("{path}.union[{k}]"), shape), scale, mesh, folder)
+                };
+                Self::Union(shapes.iter().enumerate().map(part).collect::<Result<_>>()?)
+            }
             shape => Self::Simple(simple(path, shape)?),
         })
     }
 
-    /// Signed distance \[m\], negative inside.
+    /// Signed distance \[m\], negative inside. Inside a union it is a bound: that of the part with the farthest
+    /// border.
     pub(super) fn distance(&self, x: &Point3<f64>) -> f64 {
         match self {
             Self::Simple(p) => p.distance(x),
@@ -72,6 +81,7 @@ impl Place {
                 let d = faces.distance(x);
                 if surface.contains(&x.coords) { -d } else { d }
             }
+            Self::Union(places) => places.iter().fold(f64::INFINITY, |d, p| d.min(p.distance(x))),
         }
     }
 }
@@ -88,6 +98,13 @@ pub(in crate::setup) fn check_region(path: &str, shape: &ZoneShape) -> Result<()
             Err(key(format!("{path}.near"), "needs exactly one of group, file"))
         }
         ZoneShape::Near { .. } | ZoneShape::File(_) => Ok(()),
+        ZoneShape::Union(shapes) if shapes.is_empty() => {
+            Err(key(format!("{path}.union"), "has no region; give one or more"))
+        }
+        ZoneShape::Union(shapes) => {
+            let mut numbered = shapes.iter().enumerate();
+            numbered.try_for_each(|(k, shape)| check_region(&format!("{path}.union[{k}]"), shape))
+        }
         shape => simple(path, shape).map(|_| ()),
     }
 }

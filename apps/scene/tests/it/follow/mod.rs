@@ -307,6 +307,51 @@ fn a_run_that_is_resumed_and_one_on_other_threads_have_the_same_bits() {
     }
 }
 
+/// Two edge cracks run towards each other out of the two parts of one zone, as with spheres everywhere.
+#[test]
+fn cracks_run_out_of_both_parts_of_a_zone() {
+    let notch = "dem.notch = [{ low = [-1e-3, 10e-3, -1e-3], high = [12e-3, 10e-3, 3e-3] }]";
+    let notches = "dem.notch = [{ low = [-1e-3, 10e-3, -1e-3], high = [9e-3, 10e-3, 3e-3] }, { low = [31e-3, 10e-3, -1e-3], \
+                   high = [41e-3, 10e-3, 3e-3] }]";
+    let shape = "shape.box = { low = [-1e-3, 6e-3, -1e-3], high = [14e-3, 14e-3, 3e-3] }";
+    let parts = "shape.union = [{ box = { low = [-1e-3, 6e-3, -1e-3], high = [11e-3, 14e-3, 3e-3] } }, { box = { low = [29e-3, \
+                 6e-3, -1e-3], high = [41e-3, 14e-3, 3e-3] } }]";
+    let common = [
+        COARSE[0],
+        ("end = 70e-6", "end = 34e-6"),
+        COARSE[2],
+        (notch, notches),
+    ];
+    let mut changes = common.to_vec();
+    changes.push((shape, parts));
+    let (follows, alone) = (run(&scene(&changes)), run(&alone(&common)));
+    let lists = [&follows, &alone].map(breaks);
+    let [[with, _], [without, _]] = [&follows, &alone].map(load);
+    // Median time of the breaks in a slice of the left and of the right crack.
+    let times = |breaks: &[Break], [low, high]: [f64; 2]| {
+        let inside = breaks.iter().filter(|b| (low..high).contains(&b.place.x));
+        let mut times: Vec<f64> = inside.map(|b| b.time).collect();
+        times.sort_by(f64::total_cmp);
+        (
+            times.len(),
+            times.get(times.len() / 2).copied().unwrap_or(f64::NAN),
+        )
+    };
+    let slices = [[12e-3, 16e-3], [24e-3, 28e-3]];
+    let passed = lists.each_ref().map(|b| slices.map(|s| times(b, s)));
+    let counts = lists.each_ref().map(Vec::len);
+    println!("{counts:?} breaks, loads {with} and {without} N, slices {passed:?}");
+    assert!(
+        counts[1] > 100 && counts[0].abs_diff(counts[1]) * 6 < counts[1],
+        "{counts:?}"
+    );
+    assert!((with / without - 1.0).abs() < 0.03, "{with} and {without} N");
+    for side in 0..2 {
+        let [a, b] = [passed[0][side], passed[1][side]];
+        assert!(a.0 > 15 && b.0 > 15 && (a.1 - b.1).abs() < 2e-6, "{passed:?}");
+    }
+}
+
 /// Finite rotations change neither where the zone goes nor what it breaks as long as nothing turns, and a run
 /// that is resumed on other threads has the same bits.
 #[test]
