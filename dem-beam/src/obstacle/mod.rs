@@ -10,6 +10,9 @@
 //! rotate, because their shape defines no centre of mass. Fields of acceleration act on a free body as on its
 //! particles.
 //!
+//! A particle that wakes in a change of weights, or gains weight, begins its contact anew: without a force, and
+//! pushing when it comes closer.
+//!
 //! The energy that an obstacle gives to particles and their springs is its `supplied` energy: the work of its
 //! drive, or a part of its own kinetic energy. No contact gives back more energy than it took in
 //! ([`crate::contact`]).
@@ -33,6 +36,7 @@ use arlequin_core::{DofLayout, Model, TimeFunction};
 use nalgebra::{Point3, Vector3};
 use near::Near;
 use parts::PartitionState;
+use std::collections::BTreeSet;
 
 /// A closed contact of the obstacle and its response in the last step.
 #[derive(Debug, Clone, Copy)]
@@ -64,6 +68,9 @@ struct Body {
     grains: Grains,
     /// Gap of each particle at rest if it overlaps the obstacle (negative), else zero \[m\].
     allowed: Vec<f64>,
+    /// Particles that gained weight since the last step, and those whose allowed gap is that of such a step.
+    gained: Vec<u32>,
+    renewed: BTreeSet<u32>,
     springs: Sparse<Spring>,
     near: Near,
     active: Vec<Active>,
@@ -121,6 +128,8 @@ impl Obstacle {
             body: body.clone(),
             share: 0,
             allowed,
+            gained: Vec::new(),
+            renewed: BTreeSet::new(),
             partition: None,
             springs: Sparse::new(grains.len()),
             near: Near::new(&grains.rest_spheres),
@@ -232,6 +241,22 @@ impl Body {
         }
     }
 
+    /// Lets contacts of particles that have gained weight begin anew, without a force: the place at which a
+    /// particle wakes, and the stiffness that it gains, must not load a spring that took in no work.
+    fn begin_anew(&mut self, rigid: &RigidBody, u: &[f64]) {
+        for i in std::mem::take(&mut self.gained) {
+            let (k, sphere) = (i as usize, self.grains.rest_spheres[i as usize]);
+            let (distance, _) = rigid
+                .shape()
+                .distance(&near::place(&sphere, u, k), &rigid.moved());
+            if distance - sphere[3] < self.allowed[k] {
+                self.allowed[k] = distance - sphere[3];
+                self.renewed.insert(i);
+            }
+            self.springs.take(k);
+        }
+    }
+
     /// Computes the contacts with the listed near particles.
     fn respond(
         &mut self,
@@ -239,11 +264,12 @@ impl Body {
         instant: &Instant<'_, f64>,
         f: &mut [f64],
     ) -> arlequin_core::Result<()> {
+        let u = &instant.q[..3 * self.grains.len()];
+        self.begin_anew(rigid, u);
         // A particle off the list cannot touch: its contact starts anew when it returns.
         let lost = |i: usize| {
             self.springs.take(i);
         };
-        let u = &instant.q[..3 * self.grains.len()];
         let rest_spheres = &self.grains.rest_spheres;
         self.near
             .refresh(rigid.shape(), &rigid.moved(), u, rest_spheres, lost);
@@ -410,7 +436,11 @@ impl Effect<f64> for Body {
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
         let effect = format!("obstacle '{}'", self.name);
-        self.grains.attach(host, &effect)
+        let before: Vec<f64> = (0..self.grains.len()).map(|i| self.grains.share(i)).collect();
+        self.grains.attach(host, &effect)?;
+        let gains = |i: &u32| self.grains.share(*i as usize) > before[*i as usize];
+        self.gained.extend((0..before.len() as u32).filter(gains));
+        Ok(())
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

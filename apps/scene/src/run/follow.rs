@@ -216,7 +216,7 @@ impl Follow {
                 self.moving.name
             ))?);
         }
-        warnings.extend(look.barred.map(|bar| self.moving.warning(bar)));
+        warnings.extend(look.barred.iter().map(|bar| self.moving.warning(*bar)));
         if look.core != self.state.core {
             match self.moving.moved(&look.core) {
                 Ok(moved) => {

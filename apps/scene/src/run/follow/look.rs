@@ -22,26 +22,13 @@ const SOON: f64 = 0.9;
 /// Bonds with their utilisations \[–\].
 type Loads = (Vec<u32>, Vec<f64>);
 
-/// Nodes of a model on which obstacles push.
-fn pushed_by_obstacles(model: &Subdomain<f64>) -> Vec<usize> {
-    let layout = model.model().layout();
-    let mut forces = Vec::new();
-    for obstacle in model.effects().filter(|e| e.rigid().is_some()) {
-        forces.resize(layout.dofs(), 0.0);
-        obstacle.add_contact(&mut forces);
-    }
-    let of_nodes = forces.chunks_exact(layout.components).take(layout.nodes);
-    let pushed = of_nodes.enumerate().filter(|(_, f)| f.iter().any(|x| *x != 0.0));
-    pushed.map(|(k, _)| k).collect()
-}
-
 /// Findings of a look: the elements that the zone should have, the worst bond that slept, the most loaded
 /// element that has no spheres, and what keeps the zone from where bonds are loaded.
 pub(super) struct Look {
     pub(super) core: Vec<bool>,
     pub(super) late: Option<(Vector3<f64>, f64)>,
     pub(super) outside: Option<(usize, f64)>,
-    pub(super) barred: Option<Bar>,
+    pub(super) barred: Vec<Bar>,
 }
 
 impl Follow {
@@ -113,7 +100,7 @@ impl Follow {
             core: self.state.core.clone(),
             late: None,
             outside: None,
-            barred: None,
+            barred: Vec::new(),
         };
         let Some(bonds) = spheres.model().views().breakable else {
             return Ok(out);
@@ -149,53 +136,24 @@ impl Follow {
         if limits.release.is_some() {
             self.let_go(busy, &mut out.core);
         }
-        let touched = self.touched(body, spheres)?;
-        let near = touched
-            .map(|nodes| self.moving.near_touched(&nodes))
-            .transpose()?;
-        self.join(self.around(hot, limits.margin), &soon, near.as_deref(), &mut out);
+        self.join(self.around(hot, limits.margin), &soon, &mut out);
         Ok(out)
     }
 
-    /// Marks nodes of the body that obstacles touch, and those of elements with spheres that they touch, where
-    /// the zone has the spheres not alone. `None` if there are none.
-    fn touched(&self, body: &Subdomain<f64>, spheres: &Subdomain<f64>) -> Result<Option<Vec<bool>>> {
-        let mesh = self.moving.mesh()?;
-        let mut out = vec![false; mesh.nodes().len()];
-        for node in pushed_by_obstacles(body) {
-            out[node] = true;
-        }
-        for sphere in pushed_by_obstacles(spheres) {
-            let e = self.homes[0][sphere] as usize;
-            if self.shares[e] != Share::Zone {
-                mesh.element(e).iter().for_each(|k| out[*k as usize] = true);
-            }
-        }
-        Ok(out.contains(&true).then_some(out))
-    }
-
     /// Adds the elements `hot` to those that a look wants, without those that the zone must leave to the
-    /// body: for good, or because they are `near` to where an obstacle touches it. If the zone changes,
-    /// elements around and those of `soon` join as well.
-    fn join(&self, hot: Vec<bool>, soon: &[bool], near: Option<&[bool]>, look: &mut Look) {
+    /// body. If the zone changes, elements around and those of `soon` join as well.
+    fn join(&self, hot: Vec<bool>, soon: &[bool], look: &mut Look) {
         let add = |core: &mut [bool], new: &[bool]| core.iter_mut().zip(new).for_each(|(c, n)| *c |= n);
-        let bar = |e: usize| {
-            // What the zone has already stays with it when an obstacle comes near.
-            let touched = near.is_some_and(|near| near[e]) && !self.state.core[e];
-            self.barred[e].or(touched.then_some(Bar::Touched))
-        };
         add(&mut look.core, &hot);
-        for (e, core) in look.core.iter_mut().enumerate().filter(|(_, c)| **c) {
-            *core = bar(e).is_none();
-            look.barred = look.barred.or(bar(e));
+        for (core, bar) in look.core.iter_mut().zip(&self.barred).filter(|(c, _)| **c) {
+            *core = bar.is_none();
+            look.barred.extend(bar.filter(|b| !look.barred.contains(b)));
         }
         if look.core != self.state.core {
             add(&mut look.core, &self.around(hot, AHEAD));
             add(&mut look.core, soon);
-            look.core
-                .iter_mut()
-                .enumerate()
-                .for_each(|(e, c)| *c &= bar(e).is_none());
+            let free = self.barred.iter().map(Option::is_none);
+            look.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
         }
     }
 

@@ -4,7 +4,7 @@
 use crate::error::{Error, Result, key};
 use crate::run::quiet::Strain;
 use crate::setup::Moving;
-use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
+use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{Breakable, Response};
 use arlequin::fem_ref::FemField;
 use rayon::prelude::*;
@@ -50,12 +50,9 @@ pub(super) fn in_unit_strains(
     const SMALL: f64 = 1e-6;
     let mut out = vec![[0.0_f64; 6]; elements];
     let all_bonds: Vec<u32> = (0..of_bonds.len() as u32).collect();
-    for (k, [i, j]) in Response::STRAINS.into_iter().enumerate() {
-        let mut strain = Matrix3::zeros();
-        strain[(i, j)] += 0.5 * SMALL;
-        strain[(j, i)] += 0.5 * SMALL;
+    for k in 0..Response::STRAINS.len() {
         for sign in [1.0, -1.0] {
-            let h: Matrix3<f64> = strain * sign;
+            let h = Response::gradient(k, sign * SMALL);
             let mut q = vec![0.0; 6 * nodes.len()];
             let (linear, angular) = q.split_at_mut(3 * nodes.len());
             let chunks = linear

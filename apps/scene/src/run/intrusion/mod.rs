@@ -292,7 +292,13 @@ impl Watch {
         }
         for (m, q) in models.iter().zip(displaced) {
             let shell = self.members[*m].as_mut().and_then(|m| m.shell.as_mut());
-            shell.zip(q).into_iter().for_each(|(shell, q)| shell.displace(&q));
+            let s = &run.subdomains()[*m];
+            if let Some((shell, q)) = shell.zip(q) {
+                shell.displace(&q);
+                if s.has_sleep() {
+                    shell.leave_out(|node| s.is_asleep(node));
+                }
+            }
         }
         let moved = match first {
             Intruder::Obstacle(k) => self.obstacles[k].moved,

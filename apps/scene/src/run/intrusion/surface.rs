@@ -34,6 +34,8 @@ pub(super) struct Shell {
     now: Vec<Point3<f64>>,
     /// Radii of particles \[m\]; empty for nodes of elements.
     radii: Vec<f64>,
+    /// For each point: true if it sleeps, so that another model is the body there. Empty if none can.
+    asleep: Vec<bool>,
     /// Triangles of the surface of elements by their points, normal outwards; empty for particles.
     triangles: Vec<[u32; 3]>,
     /// Smallest x of each triangle with its number, ascending, and the largest extent of a triangle along x
@@ -82,6 +84,7 @@ impl Shell {
             nodes,
             at_rest,
             radii,
+            asleep: Vec::new(),
             triangles,
         };
         out.sort();
@@ -94,6 +97,15 @@ impl Shell {
             *now = at_rest + Vector3::from_column_slice(&q[3 * *k as usize..][..3]);
         }
         self.sort();
+    }
+
+    /// Leaves points that sleep out of depths in obstacles.
+    pub(super) fn leave_out(&mut self, sleeps: impl Fn(usize) -> bool) {
+        self.asleep = self.nodes.iter().map(|k| sleeps(*k as usize)).collect();
+    }
+
+    fn sleeps(&self, point: usize) -> bool {
+        self.asleep.get(point).copied().unwrap_or(false)
     }
 
     /// Moves the points back to their positions at rest.
@@ -132,10 +144,12 @@ impl Shell {
                 deepest = Depth::deeper(deepest, Depth { depth, place });
             }
         };
-        for (x, r) in self.now.iter().zip(&self.radii) {
+        let points = self.now.iter().zip(&self.radii).enumerate();
+        for (_, (x, r)) in points.filter(|(k, _)| !self.sleeps(*k)) {
             meet(shape.distance(x, by).0 - r, *x);
         }
-        for k in 0..self.triangles.len() {
+        let awake = |k: &usize| !self.triangles[*k].iter().any(|i| self.sleeps(*i as usize));
+        for k in (0..self.triangles.len()).filter(awake) {
             let corners = self.corners(k);
             let [first, second, third] = &corners;
             let size = (second - first).norm().max((third - first).norm());
@@ -146,7 +160,10 @@ impl Shell {
             }
         }
         // A ball can lie wholly within the elements and cut no triangle.
-        if let (None, RigidShape::Sphere { centre, radius }) = (deepest, shape) {
+        // Where some sleep, those that are awake enclose nothing.
+        if let (None, RigidShape::Sphere { centre, radius }, false) =
+            (deepest, shape, self.asleep.contains(&true))
+        {
             let place = centre + by;
             if self.holds(&place) {
                 let depth = self.distance_from_surface(&place) + radius;

@@ -150,6 +150,8 @@ struct Deal<'a> {
     mesh: &'a Mesh<f64>,
     name: &'a str,
     width: f64,
+    /// True for a zone that has moved.
+    has_moved: bool,
     sides: Vec<Side>,
 }
 
@@ -173,6 +175,7 @@ impl<'a> Deal<'a> {
             mesh,
             name,
             width,
+            has_moved: false,
             sides: (0..mesh.element_count()).map(side).collect(),
         };
         if !deal.sides.contains(&Side::Core) {
@@ -192,6 +195,7 @@ impl<'a> Deal<'a> {
             mesh,
             name,
             width,
+            has_moved: true,
             sides: core.iter().map(side).collect(),
         };
         // Before distances are taken: a checkpoint gives the elements of the core that result from this, and
@@ -278,8 +282,17 @@ impl<'a> Deal<'a> {
     fn check_layer(&self) -> Result<()> {
         let beyond = self.nodes_of(Side::Beyond);
         if !beyond.contains(&true) {
-            let rule = "the zone and its overlap take the whole body; make them smaller, or give the body that model alone";
-            return Err(key(self.path("shape"), rule));
+            return Err(match self.has_moved {
+                true => key(
+                    self.path("follow"),
+                    "it and its overlap would take the whole body; take a higher wake, a narrower overlap, a larger body, or spheres \
+                     everywhere",
+                ),
+                false => key(
+                    self.path("shape"),
+                    "the zone and its overlap take the whole body; make them smaller, or give the body that model alone",
+                ),
+            });
         }
         // A node of both sides would have to be at zero and at one.
         let core = self.nodes_of(Side::Core);

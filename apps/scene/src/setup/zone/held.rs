@@ -4,9 +4,7 @@
 //! lie up to a radius inside the body, where the body's own field is already another one. Tied to this
 //! field, the rows of spheres beside them would be bent. A load acts on the body's elements alone, so that
 //! it need not be shared anew in each change. A zone that moves therefore stays off both: at least one
-//! element of the body remains between its overlap and any node that is held or loaded. The same holds for
-//! nodes of the body that an obstacle touches, as long as it does: a contact has a history, which spheres in
-//! place of elements would not know.
+//! element of the body remains between its overlap and any node that is held or loaded.
 
 use super::divide::centroid;
 use super::{Piece, Width};
@@ -79,8 +77,7 @@ pub(in crate::setup) fn check_anchors(scene: &LoweredScene, folder: &Path) -> Re
     let begins = piece.elements_alone(folder)?;
     let path = format!("zone.{name}.follow");
     match begins.iter().zip(&barred).find_map(|(own, b)| b.filter(|_| *own)) {
-        // What an obstacle touches is known in the run alone.
-        None | Some(Bar::Touched) => Ok(()),
+        None => Ok(()),
         Some(Bar::Anchor(k)) => {
             let rule = format!(
                 "the zone begins so near to {} that its overlap reaches the nodes of this; take a smaller shape, a narrower overlap, \
@@ -155,8 +152,6 @@ pub enum Bar {
     Anchor(usize),
     /// The border of `follow.within` is near.
     Border,
-    /// An obstacle touches the body nearby.
-    Touched,
 }
 
 impl Bar {
@@ -171,9 +166,6 @@ impl Bar {
             Self::Border => format!(
                 "zone '{zone}' would have to leave follow.within, where there are no spheres: it stays an overlap's width inside, and \
                  what breaks beyond breaks in the overlap or not at all; take a larger region"
-            ),
-            Self::Touched => format!(
-                "zone '{zone}' would have to reach elements that an obstacle touches: spheres in their place would not know what this                  contact has taken in, so it stays an element and an overlap's width off; let the zone begin around the contact"
             ),
         }
     }
@@ -212,7 +204,11 @@ impl Piece {
                 of_nodes[node] = of_nodes[node].or(Some(Bar::Anchor(k)));
             }
         }
-        let mut out = self.near(of_nodes, folder)?;
+        let width = self.cut.zones[self.number()].table.overlap.width;
+        // A width of whole elements up to round-off needs no further element.
+        let layers = (width / mesh.spacing() - 1e-6).ceil().max(0.0) as usize;
+        // One element stays between the overlap and what is held or loaded.
+        let mut out = spread(mesh, of_nodes, layers + 1);
         let reservoir = &self.cut.division(folder)?.reservoir;
         let mut of_nodes = vec![None; mesh.nodes().len()];
         for e in (0..reservoir.len()).filter(|e| !reservoir[*e]) {
@@ -222,23 +218,9 @@ impl Piece {
                 .iter()
                 .for_each(|k| of_nodes[*k as usize] = Some(Bar::Border));
         }
-        let near_border = spread(mesh, of_nodes, self.layers(mesh));
+        let near_border = spread(mesh, of_nodes, layers);
         out.iter_mut().zip(near_border).for_each(|(a, b)| *a = a.or(b));
         Ok(out)
-    }
-
-    /// Marks of nodes of the body, handed on to all elements which the zone must leave to the body for them.
-    pub(super) fn near(&self, of_nodes: Vec<Option<Bar>>, folder: &Path) -> Result<Vec<Option<Bar>>> {
-        let mesh = self.whole(folder)?;
-        // One element stays between the overlap and the node.
-        Ok(spread(mesh, of_nodes, self.layers(mesh) + 1))
-    }
-
-    /// Number of elements across the overlap.
-    fn layers(&self, mesh: &Mesh<f64>) -> usize {
-        let width = self.cut.zones[self.number()].table.overlap.width;
-        // A width of whole elements up to round-off needs no further element.
-        (width / mesh.spacing() - 1e-6).ceil().max(0.0) as usize
     }
 }
 

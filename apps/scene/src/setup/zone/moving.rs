@@ -345,19 +345,6 @@ impl Moving {
         self.piece.barred(&self.scene, &self.folder)
     }
 
-    /// For each element of the body: true if it is so near to nodes that an obstacle touches that the overlap
-    /// of a zone with this element would have one of them.
-    ///
-    /// # Errors
-    /// See [`Self::mesh`].
-    pub(crate) fn near_touched(&self, touched: &[bool]) -> Result<Vec<bool>> {
-        let mark = |touched: &bool| touched.then_some(Bar::Touched);
-        let near = self
-            .piece
-            .near(touched.iter().map(mark).collect(), &self.folder)?;
-        Ok(near.iter().map(Option::is_some).collect())
-    }
-
     /// Returns the probes whose model sleeps at their place, each with this model.
     ///
     /// # Errors

@@ -10,7 +10,7 @@
 //! Unknowns that supports hold have the field.
 
 use crate::error::{Result, core};
-use arlequin::core::nalgebra::{Matrix3, Vector3};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::core::{Model, Response, Uniform};
 use rayon::prelude::*;
 
@@ -27,10 +27,8 @@ pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -
     let layout = model.layout();
     let mut out = vec![Response([[Vector3::zeros(); 2]; 6]); layout.nodes];
     let mut space = Space::new(model, rate * rate)?;
-    for (k, [i, j]) in Response::STRAINS.into_iter().enumerate() {
-        let mut strain = Matrix3::zeros();
-        strain[(i, j)] += 0.5 * SMALL;
-        strain[(j, i)] += 0.5 * SMALL;
+    for k in 0..Response::STRAINS.len() {
+        let strain = Response::gradient(k, SMALL);
         // Rotations of the field are zero; the last strain left others here.
         space.p.fill(0.0);
         for (u, x) in space.p.chunks_exact_mut(3).zip(model.nodes()) {
