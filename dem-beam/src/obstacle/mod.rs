@@ -10,8 +10,8 @@
 //! rotate, because their shape defines no centre of mass. Fields of acceleration act on a free body as on its
 //! particles.
 //!
-//! A particle that wakes in a change of weights, or gains weight, begins its contact anew: without a force, and
-//! pushing when it comes closer.
+//! A particle that wakes in a change of weights, or gains weight, begins its contact anew: without a force,
+//! and pushing when it comes closer.
 //!
 //! The energy that an obstacle gives to particles and their springs is its `supplied` energy: the work of its
 //! drive, or a part of its own kinetic energy. No contact gives back more energy than it took in

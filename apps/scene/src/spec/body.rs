@@ -144,7 +144,7 @@ pub enum ZoneShape {
     /// The inside of a closed STL surface, relative to the scene file.
     File(PathBuf),
     /// All points of several of these regions, which may lie apart: a zone with several parts.
-    Union(#[schemars(length(min = 1))] Vec<ZoneShape>),
+    Union(#[schemars(length(min = 1))] Vec<Self>),
 }
 
 impl ZoneShape {

@@ -43,13 +43,15 @@ impl Response {
     /// Places in a gradient of the strains `xx yy zz yz zx xy` (shears as `γ = 2ε`).
     pub const STRAINS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [1, 2], [2, 0], [0, 1]];
 
-    /// Symmetric gradient of the strain of size `size` \[–\] in place `k` of [`Self::STRAINS`].
-    pub fn gradient<T: Real>(k: usize, size: T) -> Matrix3<T> {
-        let ([i, j], half) = (Self::STRAINS[k], size * T::of(0.5));
-        let mut out = Matrix3::zeros();
-        out[(i, j)] += half;
-        out[(j, i)] += half;
-        out
+    /// Symmetric gradients of the strains of [`Self::STRAINS`], each of size `size` \[–\].
+    pub fn gradients<T: Real>(size: T) -> [Matrix3<T>; 6] {
+        let half = size * T::of(0.5);
+        Self::STRAINS.map(|[i, j]| {
+            let mut out = Matrix3::zeros();
+            out[(i, j)] += half;
+            out[(j, i)] += half;
+            out
+        })
     }
 
     /// Strains \[–\] of a field with the gradient `∂u_i/∂x_j`, in the order of [`Self::STRAINS`].

@@ -50,9 +50,9 @@ pub(super) fn in_unit_strains(
     const SMALL: f64 = 1e-6;
     let mut out = vec![[0.0_f64; 6]; elements];
     let all_bonds: Vec<u32> = (0..of_bonds.len() as u32).collect();
-    for k in 0..Response::STRAINS.len() {
+    for (k, strain) in Response::gradients(SMALL).into_iter().enumerate() {
         for sign in [1.0, -1.0] {
-            let h = Response::gradient(k, sign * SMALL);
+            let h = strain * sign;
             let mut q = vec![0.0; 6 * nodes.len()];
             let (linear, angular) = q.split_at_mut(3 * nodes.len());
             let chunks = linear

@@ -71,8 +71,8 @@ impl Place {
         })
     }
 
-    /// Signed distance \[m\], negative inside. Inside a union it is a bound: that of the part with the farthest
-    /// border.
+    /// Signed distance \[m\], negative inside. Inside a union it is a bound: that of the part whose border
+    /// is farthest.
     pub(super) fn distance(&self, x: &Point3<f64>) -> f64 {
         match self {
             Self::Simple(p) => p.distance(x),

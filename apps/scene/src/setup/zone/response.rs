@@ -27,8 +27,7 @@ pub(super) fn responses(model: &mut dyn Model<f64>, rate: f64, held: &[usize]) -
     let layout = model.layout();
     let mut out = vec![Response([[Vector3::zeros(); 2]; 6]); layout.nodes];
     let mut space = Space::new(model, rate * rate)?;
-    for k in 0..Response::STRAINS.len() {
-        let strain = Response::gradient(k, SMALL);
+    for (k, strain) in Response::gradients(SMALL).into_iter().enumerate() {
         // Rotations of the field are zero; the last strain left others here.
         space.p.fill(0.0);
         for (u, x) in space.p.chunks_exact_mut(3).zip(model.nodes()) {

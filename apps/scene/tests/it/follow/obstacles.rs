@@ -6,8 +6,8 @@ use arlequin_scene::{Observer, Results, Scene, Silent};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// Returns the shipped plate of coarse spheres without its supports, with `tables` in place of the rest. Where
-/// spheres are `everywhere`, they are those of the reservoir.
+/// Returns the shipped plate of coarse spheres without its supports, with `tables` in place of the rest.
+/// Where spheres are `everywhere`, they are those of the reservoir.
 fn plate(everywhere: bool, tables: &str) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
@@ -124,8 +124,8 @@ const CLAMPS: &str = "[[support]]\nmodel = \"body\"\nwhere = \"y-min\"\ncomponen
                       model = \"body\"\nwhere = \"y-max\"\ncomponents = [\"y\"]\nmotion = { amplitude = 6e-6, time.ramp = { \
                       duration = 40e-6 } }\n\n";
 
-/// A cylinder presses elements, and the zone comes there: its force is that on a body of elements at first, and
-/// that on spheres everywhere in the end.
+/// A cylinder presses elements, and the zone comes there: its force is that on a body of elements at first,
+/// and that on spheres everywhere in the end.
 #[test]
 fn an_obstacle_presses_elements_and_then_the_spheres_in_their_place() {
     let tables = |fracture: &str| {
@@ -140,7 +140,7 @@ fn an_obstacle_presses_elements_and_then_the_spheres_in_their_place() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
     let body = &text[..text.find("[zone.crack]").expect("a zone")];
-    let elements = run(&Scene::from_text(&format!("{body}{}", tables(""))).expect("a scene"));
+    let elements = run(&Scene::from_text(format!("{body}{}", tables(""))).expect("a scene"));
     // Mean over a microsecond.
     let force = |results: &Results, from: f64| {
         let (times, forces) = results.probe("press").expect("a probe");
@@ -165,9 +165,9 @@ fn an_obstacle_presses_elements_and_then_the_spheres_in_their_place() {
     assert!(energy.created_max < 1e-6, "{:e}", energy.created_max);
 }
 
-/// A plate lies on a floor and a stamp stands on it ahead of the crack: the zone comes to what they touch, its
-/// spheres begin to touch there without a force, and no contact gives more than it took in. A run that is
-/// resumed right after a change has the same bits.
+/// A plate lies on a floor and a stamp stands on it ahead of the crack: the zone comes to what they touch,
+/// its spheres begin to touch there without a force, and no contact gives more than it took in. A run that
+/// is resumed right after a change has the same bits.
 #[test]
 fn contacts_of_elements_begin_anew_with_the_spheres_that_take_their_place() {
     let on_body = |name: &str, rest: &str| {
