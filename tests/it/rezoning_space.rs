@@ -2,6 +2,7 @@
 
 use crate::support::solid::{block, material, mediator};
 use arlequin::core::conformance;
+use arlequin::core::contact::{self, ContactLaw, RigidBody, RigidShape, SharedBody, SurfaceObstacle};
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
     Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Profile, Ramp, Result, Rezoned,
@@ -145,6 +146,16 @@ impl Bar {
     }
 
     fn build(&self, from: f64, motion: Motion<'_>) -> Coupled<f64> {
+        self.build_with(from, motion, &|bodies| bodies)
+    }
+
+    /// Builds a run whose two subdomains get what `add` adds.
+    fn build_with(
+        &self,
+        from: f64,
+        motion: Motion<'_>,
+        add: &dyn Fn([Subdomain<f64>; 2]) -> [Subdomain<f64>; 2],
+    ) -> Coupled<f64> {
         let [coarse, fine] = weights(from);
         let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
         let law = match self.fine {
@@ -162,7 +173,7 @@ impl Bar {
             Fine::Spheres => Subdomain::fine(lattice(), fine),
         };
         let fine = fine.with_sleep().with_step(OwnStep::Ratio(self.own));
-        let bodies = vec![with_state(bar, motion), with_state(fine, motion)];
+        let bodies = add([with_state(bar, motion), with_state(fine, motion)]).into();
         let step = TimeStep::Fraction(self.step);
         let guard = arlequin::core::Guard {
             interval: 1,
@@ -562,5 +573,72 @@ fn weights_of_the_models_of_this_crate_may_change() {
     for model in models {
         let defect = conformance::reweighing(model, &fine.internal, 1e-3).unwrap();
         assert!(defect < 1e-15, "'{}': {defect:e}", model.name());
+    }
+}
+
+/// Lets both models touch one cylinder that flies across the bar, over its whole length.
+fn struck([bar, fine]: [Subdomain<f64>; 2], law: ContactLaw) -> [Subdomain<f64>; 2] {
+    let shape = RigidShape::Cylinder {
+        point: Point3::new(0.0, 0.5, 3.01),
+        axis: Vector3::x(),
+        radius: 2.0,
+    };
+    let flies = contact::Motion::Free {
+        mass: 0.5,
+        velocity: Vector3::new(0.1, 0.0, -0.2),
+        inertia: None,
+    };
+    let body = SharedBody::new(RigidBody::new("roller", shape, flies).unwrap());
+    [bar, fine].map(|s| {
+        let contact = SurfaceObstacle::new(s.model(), &body, law).unwrap();
+        s.with_effect(Box::new(contact))
+    })
+}
+
+/// Contacts that stay through a change act like contacts that are made for the new weights: those with damping
+/// know the masses, and the budgets of those without know how nodes will move.
+#[test]
+fn contacts_that_stay_know_the_new_weights() {
+    let elastic = ContactLaw::elastic(1.0);
+    let damped = ContactLaw {
+        restitution: 0.3,
+        ..elastic
+    };
+    let rough = ContactLaw {
+        friction: 0.5,
+        ..elastic
+    };
+    for law in [damped, elastic, rough] {
+        let bar = Bar {
+            counts: NESTED,
+            step: 0.8,
+            ..Bar::new(Fine::Hexahedra, 1)
+        };
+        let still = &mut |_: &Point3<f64>| [Vector3::zeros(); 4];
+        let build = |from, still: Motion<'_>| bar.build_with(from, still, &|bodies| struck(bodies, law));
+        let (mut moved, mut built) = (build(place(1), still), build(place(2), still));
+        let [coarse, fine] = weights(place(2));
+        let change = Rezoning::new(bar.interfaces(place(2)))
+            .with_weights(0, coarse)
+            .with_weights(1, fine)
+            .with_kept_effect(0)
+            .with_kept_effect(1);
+        let work = moved.rezone(change).unwrap().work;
+        assert!(work == 0.0, "{work:e}");
+        for run in [&mut moved, &mut built] {
+            run.run(1000, &mut Silent).unwrap();
+        }
+        let state = |run: &Coupled<f64>| -> Vec<f64> {
+            let states = run.subdomains().iter().map(Subdomain::state);
+            states.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+        };
+        let (a, b) = (state(&moved), state(&built));
+        let top = b.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (x, y)| m.max((x - y).abs()));
+        let works: Vec<f64> = built.effects().iter().filter_map(|e| e.work).collect();
+        println!("apart by {apart:e} of {top:e}, works {works:?}");
+        assert!(works.len() == 2 && works.iter().all(|w| *w > 1e-6), "{works:?}");
+        // Round-off of the step, which a change keeps.
+        assert!(apart <= 1e-9 * top, "{apart:e} of {top:e}");
     }
 }

@@ -481,7 +481,19 @@ impl Effect<f64> for Contacts {
     }
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> Result<()> {
-        self.weigh(host).map(|_| ())
+        self.weigh(host)?;
+        let (body, weight) = (self.body.clone(), &self.weight);
+        let mut rigid = body.lock();
+        // Points that now sleep no longer push in the second half of the step around this instant; the body
+        // would be pushed in both.
+        self.closed.active.retain(|a| {
+            let stays = weight[a.point as usize] > 0.0;
+            if !stays {
+                rigid.push(self.share, &(a.force * 0.5), &Vector3::zeros());
+            }
+            stays
+        });
+        Ok(())
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

@@ -114,7 +114,11 @@ fn vtu_files_read_back() {
                 "offsets" | "types" | "energy density [J/m3]" => cells,
                 _ => points,
             };
-            let width = if kind == "UInt8" { 1 } else { 8 };
+            let width = match kind.as_str() {
+                "UInt8" => 1,
+                "Int32" => 4,
+                _ => 8,
+            };
             assert_eq!(block.len(), rows * components * width, "{name} in {file}");
             if kind == "Float64" {
                 for chunk in block.chunks_exact(8) {

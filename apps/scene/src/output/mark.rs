@@ -322,3 +322,29 @@ fn read_list(folder: &Path) -> Option<FileList> {
     };
     list.lines().map(line).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame that something else changed while the run went on is not what the run wrote.
+    #[test]
+    fn fingerprints_that_a_run_took_while_it_wrote_are_not_read_again() {
+        let folder = std::env::temp_dir().join(format!("arlequin-mark-{}", std::process::id()));
+        let name = Path::new("vtu").join("body_00000000.vtu");
+        std::fs::create_dir_all(folder.join("vtu")).expect("a folder");
+        let path = folder.join(&name);
+        let wrote = crate::output::put_with(&path, |file| file.write_all(b"frame")).expect("written");
+        assert_eq!(wrote, fingerprint(&path).expect("read"));
+        let mut mark = Mark::set(&folder).expect("a mark").expect("no other process");
+        let known = FileList::from([(name.clone(), wrote)]);
+        mark.seal(&folder, &known).expect("sealed");
+        assert_eq!(objection(&folder).expect("read"), None);
+        std::fs::write(&path, b"other").expect("changed");
+        mark.seal(&folder, &known).expect("sealed");
+        let objection = objection(&folder).expect("read").expect("a reason");
+        assert!(objection.contains("body_00000000.vtu"), "{objection}");
+        drop(mark);
+        std::fs::remove_dir_all(&folder).expect("removed");
+    }
+}

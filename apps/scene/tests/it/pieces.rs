@@ -149,13 +149,28 @@ fn arrays(path: &Path) -> Arrays {
     out
 }
 
+/// Bytes of a number.
+fn size_of(kind: &str) -> usize {
+    match kind {
+        "UInt8" => 1,
+        "Int32" => 4,
+        "Int64" | "Float64" => 8,
+        other => panic!("numbers of kind {other}"),
+    }
+}
+
 fn integers(frame: &Arrays, name: &str) -> Vec<usize> {
     let (kind, _, bytes) = frame
         .get(name)
         .unwrap_or_else(|| panic!("{name} in {:?}", frame.keys()));
-    assert_eq!(kind, "Int64");
-    let to_number = |b: &[u8; 8]| usize::try_from(i64::from_le_bytes(*b)).expect("a number");
-    bytes.as_chunks().0.iter().map(to_number).collect()
+    let to_number = |b: &[u8]| {
+        let n = match kind.as_str() {
+            "Int32" => i32::from_le_bytes(b.try_into().expect("four bytes")).into(),
+            _ => i64::from_le_bytes(b.try_into().expect("eight bytes")),
+        };
+        usize::try_from(n).expect("a number")
+    };
+    bytes.chunks_exact(size_of(kind)).map(to_number).collect()
 }
 
 /// Returns the frame that the pieces make, and the number of ghosts. Asserts that every ghost equals its
@@ -208,7 +223,7 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
         }
         let of_cells = ["CellData", "Cells"].contains(&section);
         let corners = raw.iter().map(|p| p["Cells/types"].2.len()).sum::<usize>();
-        let bytes = width * if kind == "UInt8" { 1 } else { 8 };
+        let bytes = width * size_of(kind);
         let width = match name {
             "connectivity" => raw.iter().map(|p| p[key].2.len()).sum::<usize>() / corners.max(1),
             _ => bytes,
@@ -219,8 +234,8 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
         for (k, piece) in raw.iter().enumerate() {
             let mut entries = piece[key].2.clone();
             if name == "connectivity" {
-                let corners = integers(piece, key).into_iter().map(|c| numbers[k][c] as i64);
-                entries = corners.flat_map(i64::to_le_bytes).collect();
+                let corners = integers(piece, key).into_iter().map(|c| numbers[k][c] as i32);
+                entries = corners.flat_map(i32::to_le_bytes).collect();
             }
             mapped.push(entries);
         }
@@ -250,11 +265,11 @@ fn join_pieces(parallel: &Path, pieces: usize) -> (Arrays, usize) {
             .copied()
             .collect();
         if name == "offsets" {
-            let size = values.len() / 8;
+            let size = values.len() / 4;
             let per_cell =
-                raw.iter().map(|p| p["Cells/connectivity"].2.len()).sum::<usize>() / 8 / size.max(1);
+                raw.iter().map(|p| p["Cells/connectivity"].2.len()).sum::<usize>() / 4 / size.max(1);
             values = (1..=size)
-                .flat_map(|k| ((k * per_cell) as i64).to_le_bytes())
+                .flat_map(|k| ((k * per_cell) as i32).to_le_bytes())
                 .collect();
         }
         out.insert(key.clone(), (kind.clone(), raw[0][key].1, values));

@@ -113,6 +113,7 @@ fn faces_of_a_crack_that_closes_touch() {
 /// In flight, what sleeps stays behind: awake spheres fly through sleeping ones without contact, and no
 /// displacement of an element that sleeps enters a stress.
 #[test]
+#[ignore = "ten seconds"]
 fn what_sleeps_is_left_behind_by_a_plate_that_flies() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
@@ -195,6 +196,7 @@ fn a_crack_runs_through_the_plate_as_with_spheres_everywhere() {
 
 /// Spheres in a strip along the crack: the zone stays inside of it, and the crack runs as before.
 #[test]
+#[ignore = "ten seconds"]
 fn spheres_fill_the_region_in_which_the_zone_may_go() {
     let strip = "follow.within.box = { low = [-1e-3, 3e-3, -1e-3], high = [41e-3, 17e-3, 3e-3] }";
     let short = ("end = 70e-6", "end = 56e-6");
@@ -378,7 +380,11 @@ fn a_zone_with_finite_rotations_goes_where_one_with_small_rotations_goes() {
         counts[0] > 50 && counts[0].abs_diff(counts[1]) * 20 <= counts[0],
         "{counts:?}"
     );
-    assert!((works[1] / works[0] - 1.0).abs() < 0.1, "{works:?}");
+    // Responses that are wrong for both laws cost half as much again.
+    assert!(
+        works[0] < 8e-5 && (works[1] / works[0] - 1.0).abs() < 0.1,
+        "{works:?}"
+    );
     let part = scene
         .prepare()
         .expect("built")
@@ -410,6 +416,7 @@ fn spheres_hardly_finer_than_the_elements_come_through_all_changes() {
 /// After the crack has cut the plate, its halves are without load, and the zone keeps what lies near to
 /// breaks.
 #[test]
+#[ignore = "ten seconds"]
 fn a_zone_lets_go_of_what_is_no_longer_loaded() {
     let lets_go = run(&scene(&[("follow = true", "follow.release = 0.2")]));
     let summary = lets_go.summary();
