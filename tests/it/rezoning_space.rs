@@ -595,8 +595,8 @@ fn struck([bar, fine]: [Subdomain<f64>; 2], law: ContactLaw) -> [Subdomain<f64>;
     })
 }
 
-/// Contacts that stay through a change act like contacts that are made for the new weights: those with damping
-/// know the masses, and the budgets of those without know how nodes will move.
+/// Contacts that stay through a change act like contacts that are made for the new weights: those with
+/// damping know the masses, and the budgets of those without know how nodes will move.
 #[test]
 fn contacts_that_stay_know_the_new_weights() {
     let elastic = ContactLaw::elastic(1.0);
