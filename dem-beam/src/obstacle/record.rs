@@ -1,7 +1,7 @@
 //! Saved state of an obstacle. In a partitioned body every rank writes the same record, that of the whole
 //! body.
 
-use super::{Active, Body};
+use super::{Active, Body, allowed};
 use crate::contact::{Sparse, Spring};
 use arlequin_core::contact::RigidBody;
 use arlequin_core::snapshot::Record;
@@ -74,8 +74,12 @@ impl Body {
         let changed: Vec<u32> = changed.iter().filter_map(known).collect();
         let (lifted, gaining) = changed.split_at(renewed.min(changed.len()));
         (self.renewed, self.gained) = (lifted.iter().copied().collect(), gaining.to_vec());
+        // Gaps that a later state had renewed are those at rest again.
+        self.allowed = allowed(self.body.lock().shape(), &self.grains.rest_spheres);
         for (i, gap) in lifted.iter().zip(gaps) {
-            self.allowed[*i as usize] = *gap;
+            if let Some(allowed) = self.allowed.get_mut(*i as usize) {
+                *allowed = *gap;
+            }
         }
         let saved = closed.iter().zip(springs.as_chunks::<SPRING>().0);
         self.springs = Sparse::new(n);
