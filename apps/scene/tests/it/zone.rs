@@ -368,6 +368,17 @@ const BAR: &str = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], 
 
 /// An assignment, the key of the error, and words of the message.
 const REFUSED: &[[&str; 3]] = &[
+    [
+        "zone.tip.shape={ union = [] }",
+        "zone.tip.shape.union",
+        "has no region",
+    ],
+    [
+        "zone.tip.shape={ union = [{ box = { low = [9.0, -1.0, -1.0], high = [13.0, 3.0, 3.0] } }, { ball = { centre = [30.0, 1.0, 1.0], \
+         radius = 2.0 } }] }",
+        "zone.tip.shape.union[1]",
+        "no element of the body",
+    ],
     ["body.role=\"coarse\"", "body.role", "a body has none"],
     [
         "body.kind=\"dem\"",

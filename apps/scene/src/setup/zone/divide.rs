@@ -110,6 +110,22 @@ impl Division {
     }
 }
 
+/// Refuses a region of which a part has no element of the body; `path` is its key.
+fn check_parts(path: &str, region: &Place, mesh: &Mesh<f64>) -> Result<()> {
+    if let Place::Union(parts) = region {
+        for (k, part) in parts.iter().enumerate() {
+            check_parts(&format!("{path}.union[{k}]"), part, mesh)?;
+        }
+        return Ok(());
+    }
+    let inside = |x: &Point3<f64>| region.distance(x) < -ON_BORDER * mesh.spacing();
+    let mut centres = (0..mesh.element_count()).map(|e| centroid(mesh, e));
+    match mesh.nodes().iter().any(inside) || centres.any(|x| inside(&x)) {
+        true => Ok(()),
+        false => Err(key(path, EMPTY)),
+    }
+}
+
 /// Elements that spheres fill for a zone that follows: those with a corner or the centroid in
 /// `follow.within`, without those at edges where more than two faces of their surface meet.
 fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
@@ -125,6 +141,7 @@ fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
         return Ok(Vec::new());
     };
     let region = Place::from_shape((&path, &shape), scale.unwrap_or(cut.body.scale), mesh, folder)?;
+    check_parts(&path, &region, mesh)?;
     let inside = |x: &Point3<f64>| region.distance(x) < -ON_BORDER * mesh.spacing();
     let at_nodes: Vec<bool> = mesh.nodes().iter().map(inside).collect();
     let holds =
@@ -133,6 +150,7 @@ fn reservoir(mesh: &Mesh<f64>, cut: &Cut, folder: &Path) -> Result<Vec<bool>> {
     while part_at_edges(mesh, &mut out, |_| true) {}
     match out.contains(&true) {
         true => Ok(out),
+        // Its elements hung together at edges alone.
         false => Err(key(path, EMPTY)),
     }
 }
@@ -159,6 +177,7 @@ impl<'a> Deal<'a> {
     fn new(mesh: &'a Mesh<f64>, region: &Place, cut: &'a Cut, zone: usize) -> Result<Self> {
         let Zone { name, table, .. } = &cut.zones[zone];
         let width = table.overlap.width;
+        check_parts(&format!("zone.{name}.shape"), region, mesh)?;
         // Nodes placed on a border by the user lie on either side of it by round-off; they count as outside.
         let slack = ON_BORDER * mesh.spacing();
         let at_nodes: Vec<f64> = mesh.nodes().iter().map(|x| region.distance(x)).collect();
@@ -178,9 +197,6 @@ impl<'a> Deal<'a> {
             has_moved: false,
             sides: (0..mesh.element_count()).map(side).collect(),
         };
-        if !deal.sides.contains(&Side::Core) {
-            return Err(key(deal.path("shape"), EMPTY));
-        }
         // Elements of the layer between elements of the core would have the position zero throughout.
         deal.fill(Side::Layer, Side::Core);
         deal.round(cut.zones[zone].has_spheres)?;
