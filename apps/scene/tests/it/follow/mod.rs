@@ -249,12 +249,7 @@ fn a_run_that_is_resumed_between_looks_finds_the_same_elements() {
     };
     let whole = run(&scene);
     let last = whole.summary().conversions.last().expect("changes").step;
-    let part = scene
-        .prepare()
-        .expect("built")
-        .run(&mut Stop(last - 3))
-        .expect("runs");
-    let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+    let done = resumed(&scene, last - 3);
     assert_eq!(changes(&done), changes(&whole));
     assert!(bits(&done) == bits(&whole));
 }
@@ -268,6 +263,14 @@ impl Observer for Stop {
             false => ControlFlow::Continue(()),
         }
     }
+}
+
+/// Runs a scene up to a step, and resumes it to its end.
+fn resumed(scene: &Scene, step: usize) -> Results {
+    let part = scene.prepare().expect("built").run(&mut Stop(step));
+    let part = part.expect("runs");
+    assert_eq!(part.end, End::Interrupted);
+    part.resume().expect("resumes").run(&mut Silent).expect("runs")
 }
 
 /// Bits of the state, the breaks and the changes.
@@ -298,13 +301,7 @@ fn a_run_that_is_resumed_and_one_on_other_threads_have_the_same_bits() {
         "threads"
     );
     for step in [changes[0].step, changes[1].step + 7] {
-        let part = scene
-            .prepare()
-            .expect("built")
-            .run(&mut Stop(step))
-            .expect("runs");
-        assert_eq!(part.end, End::Interrupted);
-        let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+        let done = resumed(&scene, step);
         assert!(bits(&done) == whole_bits, "resumed at step {step}");
     }
 }
@@ -385,13 +382,8 @@ fn a_zone_with_finite_rotations_goes_where_one_with_small_rotations_goes() {
         works[0] < 8e-5 && (works[1] / works[0] - 1.0).abs() < 0.1,
         "{works:?}"
     );
-    let part = scene
-        .prepare()
-        .expect("built")
-        .run(&mut Stop(changes[1][1].step + 3))
-        .expect("runs");
-    let resumed = on(3).install(|| part.resume().expect("resumes").run(&mut Silent).expect("runs"));
-    assert!(bits(&resumed) == bits(&whole));
+    let done = on(3).install(|| resumed(&scene, changes[1][1].step + 3));
+    assert!(bits(&done) == bits(&whole));
 }
 
 /// Nearly as many elements as spheres: hats of the absorber's space cannot be told apart in later overlaps.
@@ -562,12 +554,7 @@ fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
     println!("the end flies at {end:.3} m/s, alone {end_alone:.3}");
     assert!((end / end_alone - 1.0).abs() < 0.25, "{end} {end_alone}");
     for step in [changes[0].step - 4, changes[1].step] {
-        let part = scene
-            .prepare()
-            .expect("built")
-            .run(&mut Stop(step))
-            .expect("runs");
-        let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+        let done = resumed(&scene, step);
         assert!(bits(&done) == bits(&whole), "resumed at step {step}");
     }
 }

@@ -1,8 +1,8 @@
 //! Obstacles that touch a zone that follows, its body, or both.
 
-use super::{COARSE, Stop, bits, breaks, run};
+use super::{COARSE, bits, breaks, resumed, run};
 use arlequin::core::Coupled;
-use arlequin_scene::{Observer, Results, Scene, Silent};
+use arlequin_scene::{Observer, Results, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -110,12 +110,7 @@ fn a_free_wedge_and_a_free_plate_keep_their_momentum_through_all_changes() {
     println!("{} changes, momentum to {worst:e}", changes.len());
     assert!(changes.len() > 1);
     assert!(worst < 1e-12, "{worst:e}");
-    let part = scene
-        .prepare()
-        .expect("built")
-        .run(&mut Stop(changes[0].step + 5))
-        .expect("runs");
-    let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+    let done = resumed(&scene, changes[0].step + 5);
     assert!(bits(&done) == bits(&whole));
 }
 
@@ -204,12 +199,7 @@ fn contacts_of_elements_begin_anew_with_the_spheres_that_take_their_place() {
     assert!(energy.h_drift_max < 1e-9, "{:e}", energy.h_drift_max);
     // At the step of a change: the spheres that have just gained weight must be known.
     let step = follows.summary().conversions[1].step;
-    let part = scene
-        .prepare()
-        .expect("built")
-        .run(&mut Stop(step))
-        .expect("runs");
-    let done = part.resume().expect("resumes").run(&mut Silent).expect("runs");
+    let done = resumed(&scene, step);
     assert!(bits(&done) == bits(follows), "resumed at step {step}");
 }
 
