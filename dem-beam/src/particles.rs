@@ -409,15 +409,21 @@ impl BondedParticles {
     /// If there is no bond `b`.
     #[must_use]
     pub fn bond(&self, b: usize) -> LinearBond {
-        let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
-        let d: [f64; 3] = (j - i).into();
-        // The nearest image, in a periodic box.
-        let d = Vector3::from(self.period.map_or(d, |p| image(d, &p)));
+        let d = self.span(b);
         let length = d.norm();
         LinearBond {
             axis: d / (length * length),
             scale: self.scales[b],
         }
+    }
+
+    /// Returns the vector at rest from the first centre of bond `b` to the second \[m\].
+    #[inline]
+    pub(crate) fn span(&self, b: usize) -> Vector3<f64> {
+        let [i, j] = self.pairs[b].map(|i| self.positions[i as usize]);
+        let d: [f64; 3] = (j - i).into();
+        // The nearest image, in a periodic box.
+        Vector3::from(self.period.map_or(d, |p| image(d, &p)))
     }
 
     /// Returns whether a bond has no stiffness: it broke, or its weight is zero.

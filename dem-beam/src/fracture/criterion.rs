@@ -132,14 +132,21 @@ impl Strain {
         let chord = p.cross(&du);
         // Rotations count relative to the chord, so that a rigid rotation strains nothing.
         let across = |t: &Vector3<f64>| t - p * (p.dot(t) / q) - chord;
-        let length = q.sqrt().recip();
+        let twist = p.dot(&(j.angular - i.angular));
+        let ends = [across(&i.angular), across(&j.angular)];
+        Self::small(q.sqrt().recip(), p.dot(&du), twist, ends)
+    }
+
+    /// Returns the deformation of a beam of this length \[m\] under small rotations.
+    #[inline]
+    pub(crate) fn small(length: f64, axial: f64, twist: f64, [a, b]: [Vector3<f64>; 2]) -> Self {
         Self {
             length,
             distance: length,
-            axial: p.dot(&du),
-            twist: p.dot(&(j.angular - i.angular)),
-            a: across(&i.angular),
-            b: across(&j.angular),
+            axial,
+            twist,
+            a,
+            b,
         }
     }
 

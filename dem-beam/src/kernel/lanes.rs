@@ -63,6 +63,8 @@ pub(crate) trait Lanes: Copy + Send + Sync {
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    /// `a/b`, rounded once.
+    fn div(self, a: Self::V, b: Self::V) -> Self::V;
     /// `1/a`, to a few units in the last place.
     fn recip(self, a: Self::V) -> Self::V;
     /// `sqrt(a)`.
@@ -132,6 +134,7 @@ impl Lanes for Portable {
         add(_s, a, b) => eight!(k => a[k] + b[k]);
         sub(_s, a, b) => eight!(k => a[k] - b[k]);
         mul(_s, a, b) => eight!(k => a[k] * b[k]);
+        div(_s, a, b) => eight!(k => a[k] / b[k]);
         recip(_s, a) => eight!(k => a[k].recip());
         sqrt(_s, a) => eight!(k => a[k].sqrt());
         // Not `mul_add`: on a processor without the instruction it is a library call, ten times slower.
@@ -158,6 +161,22 @@ pub(crate) type Vec3<L> = [<L as Lanes>::V; 3];
 #[inline(always)]
 pub(crate) fn dot<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> L::V {
     l.madd(a[2], b[2], l.madd(a[1], b[1], l.mul(a[0], b[0])))
+}
+
+/// Dot product without fused arithmetic: the bits of one lane are those of numbers.
+#[inline(always)]
+pub(crate) fn plain_dot<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> L::V {
+    l.add(l.add(l.mul(a[0], b[0]), l.mul(a[1], b[1])), l.mul(a[2], b[2]))
+}
+
+/// Cross product without fused arithmetic, like [`plain_dot`].
+#[inline(always)]
+pub(crate) fn plain_cross<L: Lanes>(l: L, a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
+    [
+        l.sub(l.mul(a[1], b[2]), l.mul(a[2], b[1])),
+        l.sub(l.mul(a[2], b[0]), l.mul(a[0], b[2])),
+        l.sub(l.mul(a[0], b[1]), l.mul(a[1], b[0])),
+    ]
 }
 
 /// Cross product.

@@ -20,6 +20,7 @@
 mod breaking;
 pub(crate) mod forces;
 mod lazy;
+mod octets;
 mod portion;
 pub(crate) mod poses;
 mod recovery;

@@ -22,11 +22,13 @@
 //! particles are those of another time.
 
 use super::DemModel;
+use super::octets::Octets;
 use super::poses::Reader;
 use crate::finite;
 use crate::fracture::criterion::Strain;
 use crate::fracture::state::FractureState;
 use crate::fracture::{BreakLog, locked};
+use crate::kernel::engine::Isa;
 use arlequin_core::{
     Interpolation, LinkSurvey, Links, Recovered, Recovery, Result, SymmetricTensor, check_size, invalid,
 };
@@ -35,20 +37,23 @@ use rayon::prelude::*;
 /// Bonds whose values wait at a time for their sums over particles.
 const BATCH: usize = 1 << 14;
 
+/// Bonds that a thread reads at a time.
+const CHUNK: usize = 1 << 9;
+
 /// Force, moment and energy that a bond carries without its weight, and its load over its strength.
-#[derive(Debug)]
-struct Carried {
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Carried {
     /// Vector between the centres \[m\] ⊗ force on the first particle \[N\], symmetric part.
-    moment: SymmetricTensor<f64>,
-    axial: f64,
-    shear: f64,
-    energy: f64,
+    pub(super) moment: SymmetricTensor<f64>,
+    pub(super) axial: f64,
+    pub(super) shear: f64,
+    pub(super) energy: f64,
     /// Zero without a criterion of bonds.
-    utilisation: f64,
+    pub(super) utilisation: f64,
 }
 
 impl Carried {
-    const NOTHING: Self = Self {
+    pub(super) const NOTHING: Self = Self {
         moment: SymmetricTensor([0.0; 6]),
         axial: 0.0,
         shear: 0.0,
@@ -59,8 +64,19 @@ impl Carried {
 
 impl DemModel {
     /// Returns whether bond `b` is broken or sleeps.
-    fn is_idle(&self, broken: &BreakLog, b: usize) -> bool {
+    pub(super) fn is_idle(&self, broken: &BreakLog, b: usize) -> bool {
         broken.is_broken_here(b) || self.body.is_asleep(b)
+    }
+
+    /// Returns numerator and denominator of [`crate::bond::LinearBond::scale`] of bond `b` without its weight.
+    #[inline]
+    pub(super) fn plain_scale(&self, b: usize) -> [f64; 2] {
+        match self.body.weights()[b] {
+            // Divides the stiffness that the ledger counts, damage included, so that its rounding is the
+            // same.
+            weight if weight > 0.0 => [self.body.scale(b), weight],
+            _ => [self.body.stiffness_share(b), self.body.bond(b).axis.norm()],
+        }
     }
 
     /// Returns what bond `b` carries. Vectors between centres are deformed ones under finite rotations, those
@@ -69,12 +85,8 @@ impl DemModel {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let weighted = self.body.bond(b);
         let mut bond = weighted;
-        match self.body.weights()[b] {
-            // Divides the stiffness that the ledger counts, damage included, so that its rounding is the
-            // same.
-            weight if weight > 0.0 => bond.scale /= weight,
-            _ => bond.scale = self.body.stiffness_share(b) / bond.axis.norm(),
-        }
+        let [above, below] = self.plain_scale(b);
+        bond.scale = above / below;
         let rest_span = bond.span();
         let rigidity = &reader.rigidity;
         let utilisation = |strain: &dyn Fn() -> Strain| strength.map_or(0.0, |f| f.ratio_of(b, &strain()));
@@ -103,6 +115,33 @@ impl DemModel {
             shear: (force - along * axial).norm(),
             energy,
             utilisation,
+        }
+    }
+
+    /// Writes what the bonds from `first` on carry; see [`Self::carried`].
+    fn read_bonds(
+        &self,
+        first: usize,
+        out: &mut [Carried],
+        broken: &BreakLog,
+        reader: &Reader<'_>,
+        strength: Option<&FractureState>,
+    ) {
+        if reader.orientations.is_none() {
+            return Isa::detect().run(Octets {
+                model: self,
+                reader,
+                broken,
+                strength,
+                first,
+                out,
+            });
+        }
+        for (b, out) in (first..).zip(out) {
+            *out = match self.is_idle(broken, b) {
+                true => Carried::NOTHING,
+                false => self.carried(b, reader, strength),
+            };
         }
     }
 
@@ -186,16 +225,16 @@ impl Links<f64> for DemModel {
         let loads = strength.map_or_else(Vec::new, |f| self.particle_loads(f, &reader));
         let broken: &BreakLog = &log;
         let of_bonds = strength.filter(|_| loads.is_empty());
-        let carried = |b: usize| {
-            if self.is_idle(broken, b) {
-                return Carried::NOTHING;
+        let read = |first: usize, out: &mut [Carried]| {
+            self.read_bonds(first, out, broken, &reader, of_bonds);
+            if loads.is_empty() {
+                return;
             }
-            let mut carried = self.carried(b, &reader, of_bonds);
-            if let [Some(i), Some(j)] = pairs[b].map(|i| loads.get(i as usize)) {
+            for (b, carried) in (first..).zip(out).filter(|e| !self.is_idle(broken, e.0)) {
                 // A bond breaks with the particle of the larger load.
-                carried.utilisation = i.max(*j);
+                let [i, j] = pairs[b].map(|i| loads[i as usize]);
+                carried.utilisation = i.max(j);
             }
-            carried
         };
         let mut out = LinkSurvey {
             stresses: vec![SymmetricTensor::zero(); owned],
@@ -204,21 +243,19 @@ impl Links<f64> for DemModel {
             shear: Vec::with_capacity(pairs.len()),
             utilisation: strength.map(|_| Vec::with_capacity(pairs.len())),
         };
-        let mut batch = Vec::with_capacity(BATCH.min(pairs.len()));
+        let mut batch = vec![Carried::NOTHING; BATCH.min(pairs.len())];
         for first in (0..pairs.len()).step_by(BATCH) {
             let bonds = first..pairs.len().min(first + BATCH);
-            bonds
-                .clone()
-                .into_par_iter()
-                .map(carried)
-                .collect_into_vec(&mut batch);
+            let batch = &mut batch[..bonds.len()];
+            let chunks = batch.par_chunks_mut(CHUNK).enumerate();
+            chunks.for_each(|(k, out)| read(first + k * CHUNK, out));
+            out.axial.extend(batch.iter().map(|c| c.axial));
+            out.shear.extend(batch.iter().map(|c| c.shear));
+            out.utilisation
+                .iter_mut()
+                .for_each(|u| u.extend(batch.iter().map(|c| c.utilisation)));
             // Bond after bond on one thread: the order of the sums is that of the bonds.
             for (values, pair) in batch.iter().zip(&pairs[bonds]) {
-                out.axial.push(values.axial);
-                out.shear.push(values.shear);
-                out.utilisation
-                    .iter_mut()
-                    .for_each(|u| u.push(values.utilisation));
                 let [i, j] = pair.map(|i| i as usize);
                 for (k, other) in [(i, j), (j, i)].into_iter().filter(|e| e.0 < owned) {
                     let share = radii[k] / (radii[k] + radii[other]);

@@ -5,7 +5,7 @@ use crate::error::{Result, core};
 use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::{Coupled, Subdomain, Uniform};
-use arlequin::dem_beam::fracture::{SharedLog, locked};
+use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -43,6 +43,40 @@ struct Body {
     grid: Arc<Grid>,
     /// Masses of all particles \[kg\]; for a partitioned model on rank 0 only, which finds the fragments.
     masses: Vec<f64>,
+    fragments: Groups,
+}
+
+/// Particles that whole bonds join, which change by breaks alone.
+#[derive(Debug, Default)]
+struct Groups {
+    /// Number of breaks at which they were read; `None` before the first time.
+    breaks: Option<usize>,
+    /// Group of each particle; groups have the order of their lowest particles.
+    numbers: Vec<u32>,
+    count: usize,
+}
+
+impl Groups {
+    /// Reads the groups anew if bonds have broken since the last time.
+    fn update(&mut self, particles: usize, pairs: &[[u32; 2]], log: &BreakLog) {
+        let breaks = Some(log.events().len());
+        if self.breaks == breaks {
+            return;
+        }
+        let whole = pairs.iter().enumerate().filter(|(k, _)| !log.is_broken(*k));
+        self.numbers = lowest_connected(particles, whole.map(|(_, p)| *p));
+        self.count = 0;
+        for i in 0..particles {
+            // The lowest particle comes first, so that its entry is a number already.
+            let lowest = self.numbers[i] as usize;
+            self.numbers[i] = match lowest == i {
+                true => self.count as u32,
+                false => self.numbers[lowest],
+            };
+            self.count += usize::from(lowest == i);
+        }
+        self.breaks = breaks;
+    }
 }
 
 /// Gathers `x`, with `components` numbers per particle of this rank, for all particles: on rank 0 if the
@@ -118,6 +152,7 @@ impl Fragments {
                 breaks,
                 grid: info.grid.clone(),
                 masses: gather_on_first(s, 1, &masses)?.unwrap_or_default().into_owned(),
+                fragments: Groups::default(),
             });
         }
         Ok(Self {
@@ -130,23 +165,21 @@ impl Fragments {
     pub(crate) fn look(&mut self, run: &Coupled<f64>) -> Result<()> {
         // A run that goes on from its last instant finds them there a second time.
         self.rows.retain(|r| r.time < run.time());
-        for b in &self.bodies {
+        for b in &mut self.bodies {
             let s = &run.subdomains()[b.number];
             let moving = s.model().layout().translations();
             let q = gather_on_first(s, 3, &s.state().q[..moving])?;
             let v = gather_on_first(s, 3, &s.state().v[..moving])?;
             let (Some(q), Some(v)) = (q, v) else { continue };
-            let log = locked(&b.breaks);
-            let bonds = b.grid.connectivity.as_chunks::<2>().0.iter().enumerate();
-            let whole = bonds.filter(|(k, _)| !log.is_broken(*k));
+            let pairs = b.grid.connectivity.as_chunks().0;
+            b.fragments.update(b.masses.len(), pairs, &locked(&b.breaks));
             // Only models that are whole on one rank can sleep.
-            let sleeps = |i: usize| s.has_sleep() && s.is_asleep(i);
-            let piece = lowest_connected(b.masses.len(), whole.map(|(_, p)| *p));
-            // Each fragment has the number of its lowest particle, whose entry takes the sums.
-            let mut sums = vec![Sums::default(); b.masses.len()];
+            let can_sleep = s.has_sleep();
+            let sleeps = |i: usize| can_sleep && s.is_asleep(i);
+            let mut sums = vec![Sums::default(); b.fragments.count];
             for (i, x) in b.grid.points.iter().enumerate() {
                 let m = if sleeps(i) { 0.0 } else { b.masses[i] };
-                sums[piece[i] as usize].add(&Sums {
+                sums[b.fragments.numbers[i] as usize].add(&Sums {
                     particles: 1,
                     mass: b.masses[i],
                     awake: m,

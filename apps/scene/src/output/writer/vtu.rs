@@ -30,14 +30,14 @@ struct Appended<'a> {
 }
 
 impl<'a> Appended<'a> {
-    /// Adds an array of `count` items of `N` bytes.
+    /// Adds an array of `count` items of `N` bytes; `fill` writes those from a number on.
     fn add<const N: usize>(
         &mut self,
         kind: &str,
         name: &str,
         components: usize,
         count: usize,
-        mut items: impl Iterator<Item = [u8; N]> + 'a,
+        fill: impl Fn(usize, &mut [[u8; N]]) + 'a,
     ) {
         let _ = writeln!(
             self.xml,
@@ -51,8 +51,7 @@ impl<'a> Appended<'a> {
             file.write_all(&((N * count) as u64).to_le_bytes())?;
             for first in (0..count).step_by(BLOCK) {
                 block.resize(N * BLOCK.min(count - first), 0);
-                let slots = block.as_chunks_mut::<N>().0.iter_mut();
-                slots.zip(items.by_ref()).for_each(|(to, item)| *to = item);
+                fill(first, block.as_chunks_mut().0);
                 file.write_all(block)?;
             }
             Ok(())
@@ -61,13 +60,17 @@ impl<'a> Appended<'a> {
 
     fn floats(&mut self, array: &'a Array<'_>) {
         let values = &*array.values;
-        let bytes = values.iter().map(|x| x.to_le_bytes());
-        self.add("Float64", &array.name, array.components, values.len(), bytes);
+        let fill = move |first: usize, slots: &mut [[u8; 8]]| {
+            copy(slots, &values[first..], |x: &f64| x.to_le_bytes())
+        };
+        self.add("Float64", &array.name, array.components, values.len(), fill);
     }
 
     fn numbers(&mut self, name: &str, values: &'a [u32]) {
-        let bytes = values.iter().map(|k| i64::from(*k).to_le_bytes());
-        self.add(NUMBER, name, 1, values.len(), bytes);
+        let bytes = |k: &u32| i64::from(*k).to_le_bytes();
+        self.add(NUMBER, name, 1, values.len(), move |first, slots| {
+            copy(slots, &values[first..], bytes);
+        });
     }
 
     fn section(&mut self, name: &str, numbers: Option<&str>, fill: impl FnOnce(&mut Self)) {
@@ -78,6 +81,11 @@ impl<'a> Appended<'a> {
     }
 }
 
+/// Writes the bytes of values into slots.
+fn copy<T, const N: usize>(slots: &mut [[u8; N]], values: &[T], bytes: impl Fn(&T) -> [u8; N]) {
+    slots.iter_mut().zip(values).for_each(|(to, x)| *to = bytes(x));
+}
+
 /// Marks in VTK's array of ghosts: what sleeps is not drawn.
 const HIDDEN_POINT: u8 = 2;
 const HIDDEN_CELL: u8 = 32;
@@ -85,8 +93,9 @@ const HIDDEN_CELL: u8 = 32;
 /// Hides points or cells that sleep.
 fn hide<'a>(a: &mut Appended<'a>, arrays: &'a [Array<'_>], mark: u8) {
     for x in arrays.iter().filter(|x| x.name == ASLEEP) {
-        let marks = x.values.iter().map(move |v| [if *v > 0.0 { mark } else { 0 }]);
-        a.add("UInt8", GHOSTS, 1, x.values.len(), marks);
+        a.add("UInt8", GHOSTS, 1, x.values.len(), move |first, slots| {
+            copy(slots, &x.values[first..], |v| [if *v > 0.0 { mark } else { 0 }]);
+        });
     }
 }
 
@@ -125,8 +134,11 @@ impl Writer for Vtu {
             hide(a, &picture.points, HIDDEN_POINT);
             if let Some(p) = piece {
                 a.numbers(POINT_NUMBERS, &p.points);
-                let ghosts = (0..p.points.len()).map(|k| [u8::from(k >= p.owned)]);
-                a.add("UInt8", GHOSTS, 1, p.points.len(), ghosts);
+                a.add("UInt8", GHOSTS, 1, p.points.len(), |first, slots| {
+                    (first..)
+                        .zip(slots)
+                        .for_each(|(k, to)| *to = [u8::from(k >= p.owned)]);
+                });
             }
         });
         a.section("CellData", piece.map(|_| CELL_NUMBERS), |a| {
@@ -137,18 +149,26 @@ impl Writer for Vtu {
             }
         });
         a.section("Points", None, |a| {
-            let coordinates = grid.points.iter().flat_map(|p| [p.x, p.y, p.z]);
-            let bytes = coordinates.map(f64::to_le_bytes);
-            a.add("Float64", POSITION, 3, 3 * grid.points.len(), bytes);
+            a.add::<24>("Float64", POSITION, 3, grid.points.len(), |first, slots| {
+                for (to, x) in slots.iter_mut().zip(&grid.points[first..]) {
+                    let coordinates: [[u8; 8]; 3] = [x.x, x.y, x.z].map(f64::to_le_bytes);
+                    to.copy_from_slice(coordinates.as_flattened());
+                }
+            });
         });
         a.section("Cells", None, |a| {
             let (corners, cells) = (&grid.connectivity, grid.cells());
             // Half of the bytes of wider numbers; grids have fewer than 2³¹ corners.
-            let numbers = corners.iter().map(|k| k.cast_signed().to_le_bytes());
-            a.add("Int32", "connectivity", 1, corners.len(), numbers);
-            let ends = (1..=cells).map(|k| ((k * grid.corners) as i32).to_le_bytes());
-            a.add("Int32", "offsets", 1, cells, ends);
-            a.add("UInt8", "types", 1, cells, std::iter::repeat([grid.cell_type]));
+            a.add("Int32", "connectivity", 1, corners.len(), |first, slots| {
+                copy(slots, &corners[first..], |k| k.cast_signed().to_le_bytes());
+            });
+            a.add("Int32", "offsets", 1, cells, |first, slots| {
+                let ends = (first + 1..).zip(slots);
+                ends.for_each(|(k, to)| *to = ((k * grid.corners) as i32).to_le_bytes());
+            });
+            a.add("UInt8", "types", 1, cells, |_, slots| {
+                slots.fill([grid.cell_type])
+            });
         });
         let head = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \

@@ -1,0 +1,208 @@
+//! What bonds carry under small rotations, eight bonds at a time: divisions and square roots bound the pass over
+//! all bonds, and eight of them take little longer than one.
+//!
+//! No product is fused with a sum, so that all values have the bits of those of
+//! [`LinearBond`](crate::bond::LinearBond), one bond after the other.
+
+use super::DemModel;
+use super::poses::Reader;
+use super::recovery::Carried;
+use crate::bond::BeamRigidity;
+use crate::fracture::BreakLog;
+use crate::fracture::criterion::Strain;
+use crate::fracture::state::FractureState;
+use crate::kernel::engine::{OnLanes, With};
+use crate::kernel::lanes::{Job, LANES, Lanes, Vec3, diff, plain_cross, plain_dot, scale, sum};
+use arlequin_core::SymmetricTensor;
+use nalgebra::Vector3;
+
+/// A number of each of eight bonds.
+type Lane = [f64; LANES];
+
+/// Reads consecutive bonds of a model under small rotations.
+pub(super) struct Octets<'a> {
+    pub(super) model: &'a DemModel,
+    pub(super) reader: &'a Reader<'a>,
+    pub(super) broken: &'a BreakLog,
+    /// Strengths under a criterion of bonds.
+    pub(super) strength: Option<&'a FractureState>,
+    /// Number of the first bond.
+    pub(super) first: usize,
+    pub(super) out: &'a mut [Carried],
+}
+
+impl OnLanes for Octets<'_> {
+    #[inline(always)]
+    fn on<L: Lanes>(self, l: L) {
+        l.run(With(l, self));
+    }
+}
+
+impl<L: Lanes> Job for With<L, Octets<'_>> {
+    #[inline(always)]
+    fn call(self) {
+        let Self(l, pass) = self;
+        let mut bonds = Octet::default();
+        for (first, out) in (pass.first..).step_by(LANES).zip(pass.out.chunks_mut(LANES)) {
+            let mut awake = [false; LANES];
+            for k in 0..out.len() {
+                awake[k] = !pass.model.is_idle(pass.broken, first + k);
+                if awake[k] {
+                    bonds.set(k, pass.model, pass.reader, first + k);
+                }
+            }
+            out.fill(Carried::NOTHING);
+            if awake == [false; LANES] {
+                continue;
+            }
+            let loads = bonds.loads(l, &pass.reader.rigidity);
+            for (k, out) in out.iter_mut().enumerate().filter(|e| awake[e.0]) {
+                *out = loads.carried(k);
+                out.utilisation = pass
+                    .strength
+                    .map_or(0.0, |f| f.ratio_of(first + k, &loads.strain(k)));
+            }
+        }
+    }
+}
+
+/// Eight bonds between the places and rotations of their particles.
+#[derive(Default)]
+struct Octet {
+    /// Vectors from the first centres to the second at rest \[m\].
+    rest: [Lane; 3],
+    /// Displacements of the second particles relative to the first \[m\].
+    shift: [Lane; 3],
+    /// Rotations of the first and of the second particles \[rad\].
+    turns: [[Lane; 3]; 2],
+    /// Numerators and denominators of the scales without weights.
+    scale: [Lane; 2],
+}
+
+impl Octet {
+    /// Reads bond `b` into lane `k`.
+    #[inline(always)]
+    fn set(&mut self, k: usize, model: &DemModel, reader: &Reader<'_>, b: usize) {
+        let [i, j] = model.body.pairs()[b].map(|i| i as usize);
+        let rest = model.body.span(b);
+        let [first, second] = [reader.twist(i), reader.twist(j)];
+        for c in 0..3 {
+            self.rest[c][k] = rest[c];
+            self.shift[c][k] = second.linear[c] - first.linear[c];
+            self.turns[0][c][k] = first.angular[c];
+            self.turns[1][c][k] = second.angular[c];
+        }
+        let [above, below] = model.plain_scale(b);
+        self.scale[0][k] = above;
+        self.scale[1][k] = below;
+    }
+
+    /// Returns what the bonds carry, by the formulas of [`crate::bond::LinearBond`].
+    #[inline(always)]
+    fn loads<L: Lanes>(&self, l: L, k: &BeamRigidity) -> Loads {
+        let times = |x: f64, v: L::V| l.mul(l.splat(x), v);
+        let (rest, du) = (load(l, &self.rest), load(l, &self.shift));
+        let [ti, tj] = [load(l, &self.turns[0]), load(l, &self.turns[1])];
+        let s = l.div(l.load(&self.scale[0]), l.load(&self.scale[1]));
+        let length = l.sqrt(plain_dot(l, rest, rest));
+        let p = over(l, rest, l.mul(length, length));
+        let q = plain_dot(l, p, p);
+        let stretch = plain_dot(l, p, du);
+        let chord = plain_cross(l, p, du);
+        // Forces.
+        let b = l.mul(times(2.0 * k.bending, s), q);
+        let bent = scale(l, plain_cross(l, p, sum(l, ti, tj)), l.splat(3.0));
+        let across = scale(l, sum(l, scale(l, du, times(6.0, q)), bent), b);
+        let stiff = l.sub(l.splat(k.axial), times(12.0 * k.bending, q));
+        let force = sum(l, across, scale(l, p, l.mul(l.mul(stiff, s), stretch)));
+        // Energies.
+        let twist = plain_dot(l, p, diff(l, tj, ti));
+        let a = diff(l, diff(l, ti, scale(l, p, l.div(plain_dot(l, p, ti), q))), chord);
+        let e = diff(l, diff(l, tj, scale(l, p, l.div(plain_dot(l, p, tj), q))), chord);
+        let bend = l.add(l.add(plain_dot(l, a, a), plain_dot(l, a, e)), plain_dot(l, e, e));
+        let axial = l.mul(l.mul(times(0.5 * k.axial, s), stretch), stretch);
+        let torsion = l.mul(l.mul(times(0.5 * k.torsion, s), twist), twist);
+        let energy = l.add(l.add(axial, torsion), l.mul(b, bend));
+        // Components, and the moment for the stress.
+        let span = over(l, p, q);
+        let along = over(l, span, l.sqrt(plain_dot(l, span, span)));
+        let axial = plain_dot(l, along, force);
+        let shear = diff(l, force, scale(l, along, axial));
+        let product = |a: usize, b: usize| l.mul(span[a], force[b]);
+        let half = |a: usize, b: usize| times(0.5, l.add(product(a, b), product(b, a)));
+        Loads {
+            moment: [
+                l.store(product(0, 0)),
+                l.store(product(1, 1)),
+                l.store(product(2, 2)),
+                l.store(half(0, 1)),
+                l.store(half(1, 2)),
+                l.store(half(0, 2)),
+            ],
+            axial: l.store(axial),
+            shear: l.store(l.sqrt(plain_dot(l, shear, shear))),
+            energy: l.store(energy),
+            length: l.store(l.recip(l.sqrt(q))),
+            stretch: l.store(stretch),
+            twist: l.store(twist),
+            ends: [
+                [l.store(a[0]), l.store(a[1]), l.store(a[2])],
+                [l.store(e[0]), l.store(e[1]), l.store(e[2])],
+            ],
+        }
+    }
+}
+
+/// What eight bonds carry, and their strains.
+struct Loads {
+    moment: [Lane; 6],
+    axial: Lane,
+    shear: Lane,
+    energy: Lane,
+    length: Lane,
+    stretch: Lane,
+    twist: Lane,
+    ends: [[Lane; 3]; 2],
+}
+
+impl Loads {
+    /// Returns what the bond of lane `k` carries, without its utilisation.
+    #[inline(always)]
+    fn carried(&self, k: usize) -> Carried {
+        let m = &self.moment;
+        Carried {
+            moment: SymmetricTensor([m[0][k], m[1][k], m[2][k], m[3][k], m[4][k], m[5][k]]),
+            axial: self.axial[k],
+            shear: self.shear[k],
+            energy: self.energy[k],
+            utilisation: 0.0,
+        }
+    }
+
+    /// Returns the strain of the bond of lane `k`.
+    #[inline(always)]
+    fn strain(&self, k: usize) -> Strain {
+        let [a, b] = &self.ends;
+        Strain::small(
+            self.length[k],
+            self.stretch[k],
+            self.twist[k],
+            [
+                Vector3::new(a[0][k], a[1][k], a[2][k]),
+                Vector3::new(b[0][k], b[1][k], b[2][k]),
+            ],
+        )
+    }
+}
+
+/// Loads three coordinates.
+#[inline(always)]
+fn load<L: Lanes>(l: L, x: &[Lane; 3]) -> Vec3<L> {
+    [l.load(&x[0]), l.load(&x[1]), l.load(&x[2])]
+}
+
+/// `a/s`.
+#[inline(always)]
+fn over<L: Lanes>(l: L, a: Vec3<L>, s: L::V) -> Vec3<L> {
+    [l.div(a[0], s), l.div(a[1], s), l.div(a[2], s)]
+}
