@@ -3,6 +3,7 @@
 use crate::bond::{BeamMaterial, BeamRigidity, LinearBond, Twist};
 use crate::error::Result;
 use crate::finite::{Deformed, Pose};
+use crate::kernel::lanes::{Lanes, Vec3, plain_dot, scale, sum};
 use crate::particles::{BondedParticles, expect_len};
 use nalgebra::Vector3;
 
@@ -132,21 +133,14 @@ impl Strain {
         let chord = p.cross(&du);
         // Rotations count relative to the chord, so that a rigid rotation strains nothing.
         let across = |t: &Vector3<f64>| t - p * (p.dot(t) / q) - chord;
-        let twist = p.dot(&(j.angular - i.angular));
-        let ends = [across(&i.angular), across(&j.angular)];
-        Self::small(q.sqrt().recip(), p.dot(&du), twist, ends)
-    }
-
-    /// Returns the deformation of a beam of this length \[m\] under small rotations.
-    #[inline]
-    pub(crate) fn small(length: f64, axial: f64, twist: f64, [a, b]: [Vector3<f64>; 2]) -> Self {
+        let length = q.sqrt().recip();
         Self {
             length,
             distance: length,
-            axial,
-            twist,
-            a,
-            b,
+            axial: p.dot(&du),
+            twist: p.dot(&(j.angular - i.angular)),
+            a: across(&i.angular),
+            b: across(&j.angular),
         }
     }
 
@@ -166,6 +160,38 @@ impl Strain {
             twist: 2.0 * n.dot(&relative.imag()) * inverse,
             a: ti - n * n.dot(&ti),
             b: tj - n * n.dot(&tj),
+        }
+    }
+}
+
+/// Deformations of eight beams under small rotations; see [`Strain`].
+pub(crate) struct Strains<L: Lanes> {
+    pub(crate) length: L::V,
+    pub(crate) axial: L::V,
+    pub(crate) twist: L::V,
+    pub(crate) a: Vec3<L>,
+    pub(crate) b: Vec3<L>,
+}
+
+impl<L: Lanes> Strains<L> {
+    /// Sum of squares and product of the end rotations.
+    #[inline(always)]
+    pub(crate) fn bend(&self, l: L) -> L::V {
+        let product = l.add(plain_dot(l, self.a, self.a), plain_dot(l, self.a, self.b));
+        l.add(product, plain_dot(l, self.b, self.b))
+    }
+
+    /// Returns the deformation of the beam in lane `k`.
+    pub(crate) fn lane(&self, l: L, k: usize) -> Strain {
+        let number = |v: L::V| l.store(v)[k];
+        let length = number(self.length);
+        Strain {
+            length,
+            distance: length,
+            axial: number(self.axial),
+            twist: number(self.twist),
+            a: self.a.map(number).into(),
+            b: self.b.map(number).into(),
         }
     }
 }
@@ -294,6 +320,42 @@ impl Criterion {
         // Without tension the sum below may come out a last digit under zero.
         let tension = Self::Rankine.value(s, e).max(0.0);
         Self::Energy.value(s, &bent) * (tension / whole).powi(2)
+    }
+
+    /// Returns [`Self::value`] of eight bonds under small rotations, with the same bits; `None` for a criterion
+    /// that treats compressed bonds apart.
+    #[inline(always)]
+    pub(crate) fn values<L: Lanes>(self, l: L, s: &Section, e: &Strains<L>) -> Option<L::V> {
+        let times = |x: f64, v: L::V| l.mul(l.splat(x), v);
+        let k = &s.rigidity;
+        let normal = times(s.young, e.axial);
+        match self {
+            Self::Axial | Self::Hydrostatic => return Some(normal),
+            Self::TensileEnergy => return None,
+            Self::Energy => {
+                let axial = l.mul(times(k.axial, e.axial), e.axial);
+                let torsion = l.mul(times(k.torsion, e.twist), e.twist);
+                let along = l.mul(times(0.5, e.length), l.add(axial, torsion));
+                let bent = l.mul(l.div(l.splat(2.0 * k.bending), e.length), e.bend(l));
+                return Some(l.div(l.add(along, bent), l.splat(s.area)));
+            }
+            Self::Rankine | Self::Mises => {}
+        }
+        let [four, two] = [l.splat(4.0), l.splat(2.0)];
+        let m = sum(l, scale(l, e.a, four), scale(l, e.b, two));
+        let n = sum(l, scale(l, e.b, four), scale(l, e.a, two));
+        let moment = l.sqrt(l.max(plain_dot(l, m, m), plain_dot(l, n, n)));
+        let bending = l.mul(l.div(l.splat(s.young * s.radius), e.length), moment);
+        let shear = times(s.shear * s.radius, e.twist);
+        let rim = |tension: L::V, share: f64| {
+            l.sqrt(l.add(l.mul(tension, tension), l.mul(times(share, shear), shear)))
+        };
+        if self == Self::Mises {
+            let size = l.max(normal, times(-1.0, normal));
+            return Some(rim(l.add(size, bending), 3.0));
+        }
+        let tension = l.add(normal, bending);
+        Some(times(0.5, l.add(tension, rim(tension, 4.0))))
     }
 
     /// Load to be compared with the strength of a bond \[Pa, or J/m²\]; for a criterion of particles, the

@@ -1,6 +1,6 @@
 //! Breaking of the bonds of one model.
 
-use super::criterion::{Section, Strain};
+use super::criterion::{Section, Strain, Strains};
 use super::particles::ParticleStrengths;
 use super::parts::{GhostStates, Parts};
 use super::search::CHUNK;
@@ -8,7 +8,7 @@ use super::softening::{Loss, Softening};
 use super::{Break, Fracture, SharedLog, locked, writing};
 use crate::bond::Twist;
 use crate::kernel::engine::Marks;
-use crate::kernel::lanes::LANES;
+use crate::kernel::lanes::{LANES, Lanes};
 use crate::kernel::screen::Screen;
 use crate::model::poses::Reader;
 use crate::particles::BondedParticles;
@@ -282,6 +282,20 @@ impl FractureState {
     #[inline]
     pub(crate) fn ratio_of(&self, b: usize, strain: &Strain) -> f64 {
         self.spec.criterion.value(&self.section, strain) / self.strength[b]
+    }
+
+    /// Loads over strength of up to eight consecutive bonds from `first` on, with the bits of [`Self::ratio_of`].
+    #[inline(always)]
+    pub(crate) fn ratios<L: Lanes>(&self, l: L, first: usize, strains: &Strains<L>) -> [f64; LANES] {
+        let mut strengths = [1.0; LANES];
+        let known = self.strength[first..].iter().zip(&mut strengths);
+        known.for_each(|(strength, to)| *to = *strength);
+        match self.spec.criterion.values(l, &self.section, strains) {
+            Some(loads) => l.store(l.div(loads, l.load(&strengths))),
+            None => std::array::from_fn(|k| {
+                self.spec.criterion.value(&self.section, &strains.lane(l, k)) / strengths[k]
+            }),
+        }
     }
 
     /// Local number of a bond of the whole body, if this rank has it.

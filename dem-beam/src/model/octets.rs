@@ -9,12 +9,14 @@ use super::poses::Reader;
 use super::recovery::Carried;
 use crate::bond::BeamRigidity;
 use crate::fracture::BreakLog;
-use crate::fracture::criterion::Strain;
+use crate::fracture::criterion::Strains;
 use crate::fracture::state::FractureState;
-use crate::kernel::engine::{OnLanes, With};
+use crate::kernel::engine::{OnLanes, With, prefetch_lines};
 use crate::kernel::lanes::{Job, LANES, Lanes, Vec3, diff, plain_cross, plain_dot, scale, sum};
 use arlequin_core::SymmetricTensor;
-use nalgebra::Vector3;
+
+/// Number of bonds between the one that is read and the one that is prefetched.
+const AHEAD: usize = 2 * LANES;
 
 /// A number of each of eight bonds.
 type Lane = [f64; LANES];
@@ -46,6 +48,7 @@ impl<L: Lanes> Job for With<L, Octets<'_>> {
         for (first, out) in (pass.first..).step_by(LANES).zip(pass.out.chunks_mut(LANES)) {
             let mut awake = [false; LANES];
             for k in 0..out.len() {
+                prefetch(l, pass.model, pass.reader, first + k + AHEAD);
                 awake[k] = !pass.model.is_idle(pass.broken, first + k);
                 if awake[k] {
                     bonds.set(k, pass.model, pass.reader, first + k);
@@ -55,15 +58,30 @@ impl<L: Lanes> Job for With<L, Octets<'_>> {
             if awake == [false; LANES] {
                 continue;
             }
-            let loads = bonds.loads(l, &pass.reader.rigidity);
+            let (loads, strains) = bonds.loads(l, &pass.reader.rigidity);
+            let ratios = pass
+                .strength
+                .map_or([0.0; LANES], |f| f.ratios(l, first, &strains));
             for (k, out) in out.iter_mut().enumerate().filter(|e| awake[e.0]) {
-                *out = loads.carried(k);
-                out.utilisation = pass
-                    .strength
-                    .map_or(0.0, |f| f.ratio_of(first + k, &loads.strain(k)));
+                *out = Carried {
+                    utilisation: ratios[k],
+                    ..loads.carried(k)
+                };
             }
         }
     }
+}
+
+/// Prefetches the state of the second particle of bond `b`; the first one is that of a bond before.
+#[inline(always)]
+fn prefetch<L: Lanes>(l: L, model: &DemModel, reader: &Reader<'_>, b: usize) {
+    let Some([_, j]) = model.body.pairs().get(b).map(|p| p.map(|i| i as usize)) else {
+        return;
+    };
+    let (x, q) = (model.body.positions(), reader.q);
+    prefetch_lines(l, x.as_ptr().wrapping_add(j).cast::<f64>(), 8);
+    prefetch_lines(l, q.as_ptr().wrapping_add(3 * j), 8);
+    prefetch_lines(l, q.as_ptr().wrapping_add(q.len() / 2 + 3 * j), 8);
 }
 
 /// Eight bonds between the places and rotations of their particles.
@@ -97,9 +115,9 @@ impl Octet {
         self.scale[1][k] = below;
     }
 
-    /// Returns what the bonds carry, by the formulas of [`crate::bond::LinearBond`].
+    /// Returns what the bonds carry, and their strains, by the formulas of [`crate::bond::LinearBond`].
     #[inline(always)]
-    fn loads<L: Lanes>(&self, l: L, k: &BeamRigidity) -> Loads {
+    fn loads<L: Lanes>(&self, l: L, k: &BeamRigidity) -> (Loads, Strains<L>) {
         let times = |x: f64, v: L::V| l.mul(l.splat(x), v);
         let (rest, du) = (load(l, &self.rest), load(l, &self.shift));
         let [ti, tj] = [load(l, &self.turns[0]), load(l, &self.turns[1])];
@@ -119,10 +137,16 @@ impl Octet {
         let twist = plain_dot(l, p, diff(l, tj, ti));
         let a = diff(l, diff(l, ti, scale(l, p, l.div(plain_dot(l, p, ti), q))), chord);
         let e = diff(l, diff(l, tj, scale(l, p, l.div(plain_dot(l, p, tj), q))), chord);
-        let bend = l.add(l.add(plain_dot(l, a, a), plain_dot(l, a, e)), plain_dot(l, e, e));
+        let strains = Strains {
+            length: l.recip(l.sqrt(q)),
+            axial: stretch,
+            twist,
+            a,
+            b: e,
+        };
         let axial = l.mul(l.mul(times(0.5 * k.axial, s), stretch), stretch);
         let torsion = l.mul(l.mul(times(0.5 * k.torsion, s), twist), twist);
-        let energy = l.add(l.add(axial, torsion), l.mul(b, bend));
+        let energy = l.add(l.add(axial, torsion), l.mul(b, strains.bend(l)));
         // Components, and the moment for the stress.
         let span = over(l, p, q);
         let along = over(l, span, l.sqrt(plain_dot(l, span, span)));
@@ -130,7 +154,7 @@ impl Octet {
         let shear = diff(l, force, scale(l, along, axial));
         let product = |a: usize, b: usize| l.mul(span[a], force[b]);
         let half = |a: usize, b: usize| times(0.5, l.add(product(a, b), product(b, a)));
-        Loads {
+        let loads = Loads {
             moment: [
                 l.store(product(0, 0)),
                 l.store(product(1, 1)),
@@ -142,27 +166,17 @@ impl Octet {
             axial: l.store(axial),
             shear: l.store(l.sqrt(plain_dot(l, shear, shear))),
             energy: l.store(energy),
-            length: l.store(l.recip(l.sqrt(q))),
-            stretch: l.store(stretch),
-            twist: l.store(twist),
-            ends: [
-                [l.store(a[0]), l.store(a[1]), l.store(a[2])],
-                [l.store(e[0]), l.store(e[1]), l.store(e[2])],
-            ],
-        }
+        };
+        (loads, strains)
     }
 }
 
-/// What eight bonds carry, and their strains.
+/// What eight bonds carry.
 struct Loads {
     moment: [Lane; 6],
     axial: Lane,
     shear: Lane,
     energy: Lane,
-    length: Lane,
-    stretch: Lane,
-    twist: Lane,
-    ends: [[Lane; 3]; 2],
 }
 
 impl Loads {
@@ -177,21 +191,6 @@ impl Loads {
             energy: self.energy[k],
             utilisation: 0.0,
         }
-    }
-
-    /// Returns the strain of the bond of lane `k`.
-    #[inline(always)]
-    fn strain(&self, k: usize) -> Strain {
-        let [a, b] = &self.ends;
-        Strain::small(
-            self.length[k],
-            self.stretch[k],
-            self.twist[k],
-            [
-                Vector3::new(a[0][k], a[1][k], a[2][k]),
-                Vector3::new(b[0][k], b[1][k], b[2][k]),
-            ],
-        )
     }
 }
 

@@ -35,7 +35,7 @@ use arlequin_core::{
 use rayon::prelude::*;
 
 /// Bonds whose values wait at a time for their sums over particles.
-const BATCH: usize = 1 << 14;
+const BATCH: usize = 1 << 12;
 
 /// Bonds that a thread reads at a time.
 const CHUNK: usize = 1 << 9;
@@ -231,9 +231,10 @@ impl Links<f64> for DemModel {
                 return;
             }
             for (b, carried) in (first..).zip(out).filter(|e| !self.is_idle(broken, e.0)) {
-                // A bond breaks with the particle of the larger load.
-                let [i, j] = pairs[b].map(|i| loads[i as usize]);
-                carried.utilisation = i.max(j);
+                if let [Some(i), Some(j)] = pairs[b].map(|i| loads.get(i as usize)) {
+                    // A bond breaks with the particle of the larger load.
+                    carried.utilisation = i.max(*j);
+                }
             }
         };
         let mut out = LinkSurvey {
