@@ -205,3 +205,64 @@ fn load<L: Lanes>(l: L, x: &[Lane; 3]) -> Vec3<L> {
 fn over<L: Lanes>(l: L, a: Vec3<L>, s: L::V) -> Vec3<L> {
     [l.div(a[0], s), l.div(a[1], s), l.div(a[2], s)]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bond::BeamMaterial;
+    use crate::fracture::{Criterion, Fracture, locked};
+    use crate::kernel::engine::Isa;
+    use crate::packing::{Container, PackingSpec};
+    use arlequin_core::{Model, Weight};
+    use nalgebra::Point3;
+
+    #[derive(Debug)]
+    struct Falling;
+    impl Weight<f64> for Falling {
+        fn value(&self, x: &Point3<f64>) -> f64 {
+            1.0 - (x.x / 4e-3).clamp(0.0, 1.0)
+        }
+    }
+
+    #[test]
+    fn eight_bonds_have_the_bits_of_each_on_its_own() -> arlequin_core::Result<()> {
+        let packing = PackingSpec::quench(Container::cylinder(5e-3, 1e-3)?, 300, 3).build()?;
+        let noise = |i: usize| ((i as f64 * 12.9898).sin() * 43_758.545_3).fract();
+        for criterion in [
+            Criterion::Axial,
+            Criterion::Rankine,
+            Criterion::Mises,
+            Criterion::Energy,
+            Criterion::TensileEnergy,
+        ] {
+            let model = DemModel::new("bar", &packing, BeamMaterial::SILICA, 2200.0)?;
+            let mut model = model.with_watched_strength(Fracture::new(criterion, 20.0))?;
+            model.set_internal_weight(&Falling)?;
+            let n = model.nodes().len();
+            let size = |i: usize| if i < 3 * n { 1e-7 } else { 1e-3 };
+            let q: Vec<f64> = (0..6 * n).map(|i| noise(i) * size(i)).collect();
+            let (reader, log, strength) = (model.reader(&q), locked(&model.log), model.watched.as_ref());
+            // Not a multiple of eight, and not from the first bond on.
+            let bonds = 3..model.body.pairs().len() / LANES * LANES;
+            let alone = bonds.clone().map(|b| model.carried(b, &reader, strength));
+            let alone: Vec<Carried> = alone.collect();
+            let mut isas = vec![Isa::Portable, Isa::detect()];
+            #[cfg(target_arch = "x86_64")]
+            isas.extend(pulp::x86::V3::try_new().map(Isa::V3));
+            for isa in isas {
+                let mut together = vec![Carried::NOTHING; alone.len()];
+                isa.run(Octets {
+                    model: &model,
+                    reader: &reader,
+                    broken: &log,
+                    strength,
+                    first: bonds.start,
+                    out: &mut together,
+                });
+                assert!(alone == together, "{criterion:?}, {}", isa.name());
+            }
+            assert!(alone.iter().all(|c| c.utilisation != 0.0 && c.energy > 0.0));
+        }
+        Ok(())
+    }
+}

@@ -41,7 +41,7 @@ const BATCH: usize = 1 << 12;
 const CHUNK: usize = 1 << 9;
 
 /// Force, moment and energy that a bond carries without its weight, and its load over its strength.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Carried {
     /// Vector between the centres \[m\] ⊗ force on the first particle \[N\], symmetric part.
     pub(super) moment: SymmetricTensor<f64>,
@@ -81,7 +81,7 @@ impl DemModel {
 
     /// Returns what bond `b` carries. Vectors between centres are deformed ones under finite rotations, those
     /// at rest under small ones. `strength` is that of a criterion of bonds.
-    fn carried(&self, b: usize, reader: &Reader<'_>, strength: Option<&FractureState>) -> Carried {
+    pub(super) fn carried(&self, b: usize, reader: &Reader<'_>, strength: Option<&FractureState>) -> Carried {
         let [i, j] = self.body.pairs()[b].map(|i| i as usize);
         let weighted = self.body.bond(b);
         let mut bond = weighted;

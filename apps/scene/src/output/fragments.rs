@@ -5,7 +5,7 @@ use crate::error::{Result, core};
 use crate::setup::{Grid, ModelInfo};
 use arlequin::core::adjacency::lowest_connected;
 use arlequin::core::{Coupled, Subdomain, Uniform};
-use arlequin::dem_beam::fracture::{BreakLog, SharedLog, locked};
+use arlequin::dem_beam::fracture::{SharedLog, locked};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -58,12 +58,17 @@ struct Groups {
 
 impl Groups {
     /// Reads the groups anew if bonds have broken since the last time.
-    fn update(&mut self, particles: usize, pairs: &[[u32; 2]], log: &BreakLog) {
-        let breaks = Some(log.events().len());
-        if self.breaks == breaks {
+    fn update(
+        &mut self,
+        particles: usize,
+        pairs: &[[u32; 2]],
+        breaks: usize,
+        is_broken: impl Fn(usize) -> bool,
+    ) {
+        if self.breaks == Some(breaks) {
             return;
         }
-        let whole = pairs.iter().enumerate().filter(|(k, _)| !log.is_broken(*k));
+        let whole = pairs.iter().enumerate().filter(|(k, _)| !is_broken(*k));
         self.numbers = lowest_connected(particles, whole.map(|(_, p)| *p));
         self.count = 0;
         for i in 0..particles {
@@ -75,7 +80,7 @@ impl Groups {
             };
             self.count += usize::from(lowest == i);
         }
-        self.breaks = breaks;
+        self.breaks = Some(breaks);
     }
 }
 
@@ -172,7 +177,10 @@ impl Fragments {
             let v = gather_on_first(s, 3, &s.state().v[..moving])?;
             let (Some(q), Some(v)) = (q, v) else { continue };
             let pairs = b.grid.connectivity.as_chunks().0;
-            b.fragments.update(b.masses.len(), pairs, &locked(&b.breaks));
+            let log = locked(&b.breaks);
+            let is_broken = |k: usize| log.is_broken(k);
+            b.fragments
+                .update(b.masses.len(), pairs, log.events().len(), is_broken);
             // Only models that are whole on one rank can sleep.
             let can_sleep = s.has_sleep();
             let sleeps = |i: usize| can_sleep && s.is_asleep(i);
@@ -266,4 +274,22 @@ pub(crate) fn write(folder: &Path, fragments: &Fragments) -> Result<()> {
         text.push('\n');
     }
     put(&folder.join(mark::FRAGMENTS), &[text.as_bytes()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Groups;
+
+    #[test]
+    fn groups_have_the_order_of_their_lowest_particles_and_change_with_the_number_of_breaks() {
+        let (pairs, mut groups) = ([[4, 0], [2, 1], [3, 2], [0, 5]], Groups::default());
+        let numbers = |groups: &Groups| (groups.numbers.clone(), groups.count);
+        groups.update(6, &pairs, 0, |_| false);
+        let whole = (vec![0, 1, 1, 1, 0, 0], 2);
+        assert_eq!(numbers(&groups), whole);
+        groups.update(6, &pairs, 0, |k| k == 1);
+        assert_eq!(numbers(&groups), whole, "nothing broke");
+        groups.update(6, &pairs, 1, |k| k == 1);
+        assert_eq!(numbers(&groups), (vec![0, 1, 2, 2, 0, 0], 3));
+    }
 }
