@@ -322,8 +322,8 @@ impl Criterion {
         Self::Energy.value(s, &bent) * (tension / whole).powi(2)
     }
 
-    /// Returns [`Self::value`] of eight bonds under small rotations, with the same bits; `None` for a criterion
-    /// that treats compressed bonds apart.
+    /// Returns [`Self::value`] of eight bonds under small rotations, with the same bits; `None` for a
+    /// criterion that treats compressed bonds apart.
     #[inline(always)]
     pub(crate) fn values<L: Lanes>(self, l: L, s: &Section, e: &Strains<L>) -> Option<L::V> {
         let times = |x: f64, v: L::V| l.mul(l.splat(x), v);

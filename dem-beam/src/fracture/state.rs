@@ -284,7 +284,8 @@ impl FractureState {
         self.spec.criterion.value(&self.section, strain) / self.strength[b]
     }
 
-    /// Loads over strength of up to eight consecutive bonds from `first` on, with the bits of [`Self::ratio_of`].
+    /// Loads over strength of up to eight consecutive bonds from `first` on, with the bits of
+    /// [`Self::ratio_of`].
     #[inline(always)]
     pub(crate) fn ratios<L: Lanes>(&self, l: L, first: usize, strains: &Strains<L>) -> [f64; LANES] {
         let mut strengths = [1.0; LANES];

@@ -1,5 +1,5 @@
-//! What bonds carry under small rotations, eight bonds at a time: divisions and square roots bound the pass over
-//! all bonds, and eight of them take little longer than one.
+//! What bonds carry under small rotations, eight bonds at a time: divisions and square roots bound the pass
+//! over all bonds, and eight of them take little longer than one.
 //!
 //! No product is fused with a sum, so that all values have the bits of those of
 //! [`LinearBond`](crate::bond::LinearBond), one bond after the other.
@@ -47,10 +47,10 @@ impl<L: Lanes> Job for With<L, Octets<'_>> {
         let mut bonds = Octet::default();
         for (first, out) in (pass.first..).step_by(LANES).zip(pass.out.chunks_mut(LANES)) {
             let mut awake = [false; LANES];
-            for k in 0..out.len() {
+            for (k, awake) in awake.iter_mut().enumerate().take(out.len()) {
                 prefetch(l, pass.model, pass.reader, first + k + AHEAD);
-                awake[k] = !pass.model.is_idle(pass.broken, first + k);
-                if awake[k] {
+                *awake = !pass.model.is_idle(pass.broken, first + k);
+                if *awake {
                     bonds.set(k, pass.model, pass.reader, first + k);
                 }
             }

@@ -35,7 +35,7 @@ use arlequin_core::{
 use rayon::prelude::*;
 
 /// Bonds whose values wait at a time for their sums over particles.
-const BATCH: usize = 1 << 12;
+const BATCH: usize = 1 << 14;
 
 /// Bonds that a thread reads at a time.
 const CHUNK: usize = 1 << 9;
@@ -68,7 +68,7 @@ impl DemModel {
         broken.is_broken_here(b) || self.body.is_asleep(b)
     }
 
-    /// Returns numerator and denominator of [`crate::bond::LinearBond::scale`] of bond `b` without its weight.
+    /// Returns numerator and denominator of the scale of bond `b` without its weight.
     #[inline]
     pub(super) fn plain_scale(&self, b: usize) -> [f64; 2] {
         match self.body.weights()[b] {

@@ -4,6 +4,7 @@ use super::{Array, Entry, Picture, Piece, Writer};
 use crate::error::Result;
 use crate::output::painter::ASLEEP;
 use crate::output::{Counted, Fingerprint, put, put_with};
+use crate::setup::Grid;
 use arlequin::dem_beam::vtu::{CELL_NUMBERS, GHOSTS, POINT_NUMBERS};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -61,7 +62,7 @@ impl<'a> Appended<'a> {
     fn floats(&mut self, array: &'a Array<'_>) {
         let values = &*array.values;
         let fill = move |first: usize, slots: &mut [[u8; 8]]| {
-            copy(slots, &values[first..], |x: &f64| x.to_le_bytes())
+            copy(slots, &values[first..], |x: &f64| x.to_le_bytes());
         };
         self.add("Float64", &array.name, array.components, values.len(), fill);
     }
@@ -84,6 +85,22 @@ impl<'a> Appended<'a> {
 /// Writes the bytes of values into slots.
 fn copy<T, const N: usize>(slots: &mut [[u8; N]], values: &[T], bytes: impl Fn(&T) -> [u8; N]) {
     slots.iter_mut().zip(values).for_each(|(to, x)| *to = bytes(x));
+}
+
+/// Adds the corners of the cells of a grid, where they end, and their types.
+fn cells<'a>(a: &mut Appended<'a>, grid: &'a Grid) {
+    let (corners, count) = (&grid.connectivity, grid.cells());
+    // Half of the bytes of wider numbers; grids have fewer than 2³¹ corners.
+    a.add("Int32", "connectivity", 1, corners.len(), |first, slots| {
+        copy(slots, &corners[first..], |k| k.cast_signed().to_le_bytes());
+    });
+    a.add("Int32", "offsets", 1, count, |first, slots| {
+        let ends = (first + 1..).zip(slots);
+        ends.for_each(|(k, to)| *to = ((k * grid.corners) as i32).to_le_bytes());
+    });
+    a.add("UInt8", "types", 1, count, |_, slots| {
+        slots.fill([grid.cell_type]);
+    });
 }
 
 /// Marks in VTK's array of ghosts: what sleeps is not drawn.
@@ -156,20 +173,7 @@ impl Writer for Vtu {
                 }
             });
         });
-        a.section("Cells", None, |a| {
-            let (corners, cells) = (&grid.connectivity, grid.cells());
-            // Half of the bytes of wider numbers; grids have fewer than 2³¹ corners.
-            a.add("Int32", "connectivity", 1, corners.len(), |first, slots| {
-                copy(slots, &corners[first..], |k| k.cast_signed().to_le_bytes());
-            });
-            a.add("Int32", "offsets", 1, cells, |first, slots| {
-                let ends = (first + 1..).zip(slots);
-                ends.for_each(|(k, to)| *to = ((k * grid.corners) as i32).to_le_bytes());
-            });
-            a.add("UInt8", "types", 1, cells, |_, slots| {
-                slots.fill([grid.cell_type])
-            });
-        });
+        a.section("Cells", None, |a| cells(a, grid));
         let head = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
              header_type=\"UInt64\">\n  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n{}    \
