@@ -8,6 +8,7 @@
 //!
 //! - Nodes that an interface between the two models ties touch nothing.
 //! - A point that overlaps the other model at rest pushes only when it comes closer.
+//! - What sleeps in a zone that moves touches nothing; contacts of what gains weight begin anew.
 //! - A contact carries the product of the mass shares of its two ends. The contacts of all parts of two
 //!   bodies in overlaps then sum to one contact.
 //!
@@ -32,6 +33,7 @@ use crate::model::Arms;
 use crate::record::Record;
 use crate::{Error, Result};
 use nalgebra::{Point3, Vector3};
+use std::collections::BTreeSet;
 
 /// Specification of contact between two models of which one has a surface at least, a pair effect on their
 /// subdomains in the order of the models.
@@ -47,6 +49,8 @@ struct Contacts {
     closed: Closed,
     /// Distance below which each point pushes \[m\]: its radius, or its distance at rest if it overlaps then.
     allowed: Vec<f64>,
+    /// Points whose allowed distance is that at a change of weights.
+    renewed: BTreeSet<u32>,
     /// Longest way that a point can sink in a step without losing its foot \[m\].
     thinnest: f64,
     demand: StepDemand<f64>,
@@ -84,6 +88,7 @@ impl SurfaceContact {
             near: Near::new(law.skin * first.size().min(second.size())),
             closed: Closed::new(law, 0),
             allowed: Vec::new(),
+            renewed: BTreeSet::new(),
             thinnest: f64::INFINITY,
             demand: StepDemand::none(),
             checked: false,
@@ -99,6 +104,12 @@ pub(super) fn locate(sides: &[Side; 2], point: u32) -> (usize, usize) {
     let first = sides[0].points.len();
     let k = point as usize;
     if k < first { (0, k) } else { (1, k - first) }
+}
+
+/// Returns whether no end of a contact sleeps.
+fn is_awake(sides: &[Side; 2], a: &Active) -> bool {
+    let (s, k) = locate(sides, a.point);
+    sides[s].weight(&sides[s].points[k].place) > 0.0 && sides[1 - s].weight(&a.foot) > 0.0
 }
 
 /// Power of a contact on the velocities `v` \[W\].
@@ -174,7 +185,7 @@ impl Contacts {
                 continue;
             };
             let [low, high] = solid.bounds();
-            for p in &side.points {
+            for p in side.points.iter().filter(|p| side.weight(&p.place) > 0.0) {
                 let x = Point3::from(p.position(q[s]));
                 if (0..3).all(|c| low[c] < x[c] && x[c] < high[c]) {
                     deepest.add(-solid.distance(&x).0, DEEPEST * p.size, || x.coords);
@@ -208,6 +219,58 @@ impl Contacts {
             }
         }
         self.near.measure(&self.sides, q);
+    }
+
+    /// Lets contacts of nodes that have gained weight begin anew, without a force: the place at which a node
+    /// wakes, and the stiffness that it gains, must not load a spring that took in no work.
+    fn begin_anew(&mut self) {
+        if self.sides.iter().all(|s| s.gained.is_empty()) {
+            return;
+        }
+        for (point, foot) in self.near.feet() {
+            let (s, k) = locate(&self.sides, point);
+            let (own, other) = (&self.sides[s], &self.sides[1 - s]);
+            if own.has_gained(&own.points[k].place) || other.has_gained(&foot.place) {
+                let allowed = &mut self.allowed[point as usize];
+                if foot.distance < *allowed {
+                    *allowed = foot.distance;
+                    self.renewed.insert(point);
+                }
+                self.closed.open(point as usize);
+            }
+        }
+        self.sides.iter_mut().for_each(|s| s.gained.clear());
+    }
+
+    /// Restores what [`AnyEffect::save`] wrote; `None` for a record of other points.
+    fn recall(&mut self, from: &Record<f64>) -> Option<()> {
+        let (counts, integers) = from.integers.split_first_chunk::<3>()?;
+        let [renewed, first, second] = counts.map(|n| usize::try_from(n).ok());
+        let (renewed, integers) = integers.split_at_checked(renewed?)?;
+        let (first, integers) = integers.split_at_checked(first?)?;
+        let (second, integers) = integers.split_at_checked(second?)?;
+        let (distances, numbers) = from.numbers.split_at_checked(renewed.len())?;
+        for (point, distance) in renewed.iter().zip(distances) {
+            *self.allowed.get_mut(usize::try_from(*point).ok()?)? = *distance;
+        }
+        let points = |x: &[u64]| x.iter().map(|k| *k as u32).collect::<Vec<u32>>();
+        self.renewed = points(renewed).into_iter().collect();
+        (self.sides[0].gained, self.sides[1].gained) = (points(first), points(second));
+        let sides = &self.sides;
+        let nodes = |point: u32| sides[1 - locate(sides, point).0].rest.len();
+        self.closed.restore(integers, numbers, nodes)
+    }
+
+    /// Ends contacts of which an end sleeps.
+    fn end_asleep(&mut self) {
+        for n in 0..self.closed.active.len() {
+            let a = self.closed.active[n];
+            if !is_awake(&self.sides, &a) {
+                self.closed.open(a.point as usize);
+            }
+        }
+        let sides = &self.sides;
+        self.closed.active.retain(|a| is_awake(sides, a));
     }
 
     /// Computes all contacts and adds their forces to `f`.
@@ -260,7 +323,7 @@ impl Contacts {
             reduced_radius: 0.0,
             // The force acts at the foot.
             arms: [0.0, if own.turns { foot.distance } else { 0.0 }],
-            share: p.place.mean(|n| own.share[n]) * foot.place.mean(|n| other.share[n]),
+            share: own.weight(&p.place) * other.weight(&foot.place),
             inverse_mass: 1.0 / mass,
             motion: [
                 twist(other, &foot.place, instants[1 - s].v_half),
@@ -352,6 +415,12 @@ impl PairEffectSpec<f64> for SurfaceContact {
             .filter(|s| s.turns)
             .flat_map(|s| s.points.iter().map(|p| p.size));
         contacts.thinnest = DEEPEST * depths.chain(radii).fold(f64::INFINITY, f64::min);
+        for (side, host) in contacts.sides.iter_mut().zip(&hosts.sides) {
+            side.weigh(host)?;
+            if side.sleeps() {
+                contacts.near.forget();
+            }
+        }
         contacts.demand = contacts.demanded();
         Ok(Box::new(self.0))
     }
@@ -378,15 +447,20 @@ impl AnyEffect<f64> for Contacts {
 
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
+        let gained = self.sides.each_ref().map(|s| &s.gained);
+        let counts = [self.renewed.len(), gained[0].len(), gained[1].len()];
+        out.integers.extend(counts.map(|n| n as u64));
+        let listed = self.renewed.iter().chain(gained.into_iter().flatten());
+        out.integers.extend(listed.map(|k| u64::from(*k)));
+        out.numbers
+            .extend(self.renewed.iter().map(|k| self.allowed[*k as usize]));
         self.closed.save(&mut out);
         out
     }
 
     fn restore(&mut self, from: &Record<f64>) -> Result<()> {
         self.near.forget();
-        let sides = &self.sides;
-        let nodes = |point: u32| sides[1 - locate(sides, point).0].rest.len();
-        let fits = self.closed.restore(&from.integers, &from.numbers, nodes);
+        let fits = self.recall(from);
         fits.ok_or_else(|| Error::SizeMismatch {
             what: format!("points in the record of '{}'", self.name),
             expected: self.allowed.len(),
@@ -424,6 +498,7 @@ impl PairEffect<f64> for Contacts {
         let sides = &self.sides;
         self.closed.settle(instants[0].dt, |a| power(sides, a, v));
         self.find(q);
+        self.begin_anew();
         let is_displaced = || q.iter().any(|q| q.iter().any(|x| *x != 0.0));
         if !std::mem::replace(&mut self.checked, true) && is_displaced() {
             self.check_start(q)?;
@@ -445,6 +520,15 @@ impl PairEffect<f64> for Contacts {
             own.for_each(|p| p.1.add(f));
         }
         true
+    }
+
+    fn reweigh(&mut self, hosts: &HostPair<'_, f64>) -> Result<()> {
+        for (side, host) in self.sides.iter_mut().zip(&hosts.sides) {
+            side.reweigh(host)?;
+        }
+        self.near.forget();
+        self.end_asleep();
+        Ok(())
     }
 
     fn step_demand(&self) -> [StepDemand<f64>; 2] {

@@ -169,10 +169,14 @@ pub(super) struct Side {
     /// True if the points are spheres, which turn.
     pub(super) turns: bool,
     pub(super) facets: Vec<Facet>,
-    /// Nodes that points or facets move with.
+    /// Nodes that points or facets move with, and those of them that do not sleep.
+    surface: Vec<u32>,
     pub(super) nodes: Vec<u32>,
-    /// Weighted over unweighted mass, weighted and unweighted mass \[kg\] of each node.
-    pub(super) share: Vec<f64>,
+    /// Nodes that have gained weight since the last step, ascending.
+    pub(super) gained: Vec<u32>,
+    /// Weighted over unweighted mass, weighted and unweighted mass \[kg\] of each node. A node that sleeps has
+    /// no weight.
+    share: Vec<f64>,
     mass: Vec<f64>,
     unweighted: Vec<f64>,
     /// Area of each node on the facets \[m²\].
@@ -204,15 +208,17 @@ impl Side {
             points,
             area: areas(own.nodes.len(), &facets),
             facets,
-            nodes,
-            share: Vec::new(),
+            share: vec![1.0; own.nodes.len()],
+            nodes: nodes.clone(),
+            surface: nodes,
+            gained: Vec::new(),
             mass: Vec::new(),
             unweighted: Vec::new(),
             forces: StepForces::default(),
         })
     }
 
-    /// Takes the masses from the subdomain and leaves out what the mask `tied` names.
+    /// Leaves out what the mask `tied` names. [`Self::weigh`] must follow: until then, no node sleeps.
     pub(super) fn attach(&mut self, host: &Host<'_, f64>, tied: &[bool], effect: &str) -> Result<()> {
         let layout = host.model.layout();
         if host.model.owned().is_part() {
@@ -228,22 +234,63 @@ impl Side {
                 found: layout.nodes,
             });
         }
-        let mut whole = vec![0.0; layout.dofs()];
-        host.model.lumped_inertia(&Uniform(1.0), &mut whole)?;
-        let masses = |x: &[f64]| (0..layout.nodes).map(|n| x[3 * n]).collect::<Vec<f64>>();
-        (self.mass, self.unweighted) = (masses(host.inertia), masses(&whole));
-        self.share = self
-            .mass
-            .iter()
-            .zip(&self.unweighted)
-            .map(|(m, w)| m / w)
-            .collect();
-        self.forces = StepForces::new(host.inverse_inertia.to_vec());
         let is_tied = |n: usize| tied.get(n).copied().unwrap_or(false);
         self.points.retain(|p| !p.place.nodes().any(|(n, _)| is_tied(n)));
         self.facets
             .retain(|f| !f.triangle.nodes.iter().any(|n| is_tied(*n as usize)));
         Ok(())
+    }
+
+    /// Takes the masses from the subdomain.
+    pub(super) fn weigh(&mut self, host: &Host<'_, f64>) -> Result<()> {
+        let layout = host.model.layout();
+        let mut whole = vec![0.0; layout.dofs()];
+        host.model.lumped_inertia(&Uniform(1.0), &mut whole)?;
+        let masses = |x: &[f64]| (0..layout.nodes).map(|n| x[3 * n]).collect::<Vec<f64>>();
+        (self.mass, self.unweighted) = (masses(host.inertia), masses(&whole));
+        let shares = self.mass.iter().zip(&self.unweighted).map(|(m, w)| m / w);
+        self.share = shares.collect();
+        self.forces = StepForces::new(host.inverse_inertia.to_vec());
+        let awake = self.surface.iter().filter(|n| self.share[**n as usize] > 0.0);
+        self.nodes = awake.copied().collect();
+        Ok(())
+    }
+
+    /// Takes the masses after a change of weights, and notes which nodes have gained weight.
+    pub(super) fn reweigh(&mut self, host: &Host<'_, f64>) -> Result<()> {
+        let before = std::mem::take(&mut self.share);
+        self.weigh(host)?;
+        let gains = |n: &u32| self.share[*n as usize] > before[*n as usize];
+        self.gained.extend(self.surface.iter().copied().filter(gains));
+        self.gained.sort_unstable();
+        self.gained.dedup();
+        Ok(())
+    }
+
+    /// Returns whether nodes of the surface sleep.
+    pub(super) fn sleeps(&self) -> bool {
+        self.nodes.len() < self.surface.len()
+    }
+
+    /// Weighted over unweighted mass at a place; zero where a node sleeps, which would take its part of a
+    /// force without moving.
+    pub(super) fn weight(&self, place: &Place) -> f64 {
+        match place.nodes().any(|(n, _)| self.share[n] <= 0.0) {
+            true => 0.0,
+            false => place.mean(|n| self.share[n]),
+        }
+    }
+
+    /// Returns whether no node of a facet sleeps.
+    pub(super) fn is_awake(&self, facet: &Facet) -> bool {
+        facet.triangle.nodes.iter().all(|n| self.share[*n as usize] > 0.0)
+    }
+
+    /// Returns whether a node of a place has gained weight since the last step.
+    pub(super) fn has_gained(&self, place: &Place) -> bool {
+        place
+            .nodes()
+            .any(|(n, _)| self.gained.binary_search(&(n as u32)).is_ok())
     }
 
     /// Radius of a point \[m\].
@@ -331,7 +378,9 @@ impl Side {
         }
         let [k, c, k_area, c_area] = top;
         let mut out = [0.0_f64; 2];
-        for n in (0..self.rest.len()).filter(|n| self.forces.moves(*n)) {
+        // What sleeps may wake.
+        let moves = |n: &usize| self.forces.moves(*n) || self.share[*n] <= 0.0;
+        for n in (0..self.rest.len()).filter(moves) {
             let (area, mut rows) = (self.area[n], [stiffness[n], damping[n]]);
             if area > 0.0 {
                 rows[0] += slide(1.0) * (k_area * area + k) / self.unweighted[n];

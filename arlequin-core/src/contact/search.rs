@@ -129,14 +129,19 @@ impl Near {
             let margin = Vector3::repeat(self.skin + f.depth);
             [low - margin, high + margin]
         };
-        let boxes: Vec<[Point3<f64>; 2]> = other.facets.iter().map(around).collect();
+        // What sleeps is where it fell asleep: it touches nothing.
+        let awake = (0..).zip(&other.facets).filter(|(_, f)| other.is_awake(f));
+        let (awake, boxes): (Vec<u32>, Vec<_>) = awake.map(|(k, f): (u32, _)| (k, around(f))).unzip();
         let tree = BoxTree::new(boxes);
         let near = |k: usize| {
+            if own.weight(&own.points[k].place) <= 0.0 {
+                return None;
+            }
             let x = Point3::from(own.points[k].position(q[s]));
             let size = Vector3::repeat(own.radius(k));
             let mut facets: Vec<u32> = Vec::new();
             tree.any(&[x - size, x + size], &mut |facet| {
-                facets.push(facet as u32);
+                facets.push(awake[facet]);
                 false
             });
             // Ascending: the foot does not depend on the tree.

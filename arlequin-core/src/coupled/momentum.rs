@@ -108,6 +108,37 @@ impl<T: Real> std::ops::Add for Sums<T> {
     }
 }
 
+fn sums<T: Real>(subdomains: &[Subdomain<T>], members: &[usize], arms: Arms, centre: &Vector3<T>) -> Sums<T> {
+    let sum = |k: &usize| momentum_of(&subdomains[*k], arms, centre);
+    members.iter().map(sum).fold(Sums::zero(), |a, b| a + b)
+}
+
+/// Linear and angular momentum of some subdomains about `centre`.
+pub(super) fn momenta<T: Real>(
+    subdomains: &[Subdomain<T>],
+    members: &[usize],
+    arms: Arms,
+    centre: &Vector3<T>,
+) -> [Vector3<T>; 2] {
+    sums(subdomains, members, arms, centre).momenta
+}
+
+/// Groups of `members` (ascending) that `links` join, each ascending.
+pub(super) fn joined(members: &[usize], links: impl Iterator<Item = [usize; 2]>) -> Vec<Vec<usize>> {
+    let mut group: Vec<usize> = (0..=members.last().copied().unwrap_or_default()).collect();
+    for [a, b] in links.filter(|l| l.iter().all(|k| members.contains(k))) {
+        // The lowest number stands for the group, so that groups are ascending.
+        let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
+        group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
+    }
+    let of_group = |g: usize| members.iter().copied().filter(|k| group[*k] == g).collect();
+    members
+        .iter()
+        .filter(|k| group[**k] == **k)
+        .map(|k| of_group(*k))
+        .collect()
+}
+
 /// Body with its momenta, as the ledger keeps it.
 #[derive(Debug, Clone)]
 pub(crate) struct Body<T: Real> {
@@ -130,14 +161,7 @@ pub(crate) const RECORDED: usize = 15;
 
 impl<T: Real> Body<T> {
     fn sums(&self, subdomains: &[Subdomain<T>]) -> Sums<T> {
-        let members = self.members.iter();
-        let sum = |k: &usize| momentum_of(&subdomains[*k], self.arms, &self.centre);
-        members.map(sum).fold(Sums::zero(), |a, b| a + b)
-    }
-
-    /// Returns linear and angular momentum.
-    pub(super) fn momenta(&self, subdomains: &[Subdomain<T>]) -> [Vector3<T>; 2] {
-        self.sums(subdomains).momenta
+        sums(subdomains, &self.members, self.arms, &self.centre)
     }
 
     /// Returns the members, the positions of the arms and the centre.
@@ -321,7 +345,9 @@ impl<T: Real> Coupled<T> {
 
     /// Finds the bodies and evaluates their momenta at the start.
     pub(crate) fn find_bodies(&mut self) {
-        let groups = self.groups();
+        let interfaces = self.interfaces.iter().map(|i| i.sides);
+        let all: Vec<usize> = (0..self.subdomains.len()).collect();
+        let groups = joined(&all, interfaces.chain(self.pairs.iter().map(|p| p.sides)));
         self.ledger.bodies = groups
             .into_iter()
             .map(|members| {
@@ -341,20 +367,6 @@ impl<T: Real> Coupled<T> {
                 body
             })
             .collect();
-    }
-
-    /// Returns the groups of subdomains that are held together, each ascending.
-    fn groups(&self) -> Vec<Vec<usize>> {
-        let mut group: Vec<usize> = (0..self.subdomains.len()).collect();
-        let interfaces = self.interfaces.iter().map(|i| i.sides);
-        for [a, b] in interfaces.chain(self.pairs.iter().map(|p| p.sides)) {
-            // The lowest number stands for the group, so that groups are ascending.
-            let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
-            group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
-        }
-        let members = |g: usize| (0..group.len()).filter(|k| group[*k] == g).collect();
-        let firsts = (0..group.len()).filter(|k| group[*k] == *k);
-        firsts.map(members).collect()
     }
 
     fn centre(&self, members: &[usize], arms: Arms) -> Vector3<T> {

@@ -179,7 +179,7 @@ impl<T: Real> Coupled<T> {
             // Both sides make the same own steps.
             let end = step_end(a);
             let ((first, f), (second, g)) = (a.loaded_at(end), b.loaded_at(end));
-            p.line.effect.add_forces([&first, &second], [f, g])?;
+            p.line.add_forces([&first, &second], [f, g])?;
         }
         for &k in &self.lockstep[group].members {
             let s = &mut self.subdomains[k];

@@ -7,7 +7,7 @@ use crate::interface::{Interface, coupled_nodes};
 use crate::model::Finding;
 use crate::phase::{Phase, SetupPhase};
 use crate::subdomain::Subdomain;
-use crate::{Real, Result};
+use crate::{Error, Real, Result};
 
 /// Pair effect with its two subdomains and its line of the ledger.
 pub(crate) struct Pair<T: Real> {
@@ -45,6 +45,30 @@ pub(super) fn check<T: Real>(spec: &PairSpec<T>, count: usize) -> Result<()> {
     Err(invalid(&what, format_args!("{a} and {b}"), &rule))
 }
 
+/// Returns the two sides of a pair effect, with the nodes of each that interfaces tie to the other.
+fn hosts<'a, T: Real>(
+    sides: [usize; 2],
+    subdomains: &'a [Subdomain<T>],
+    interfaces: &[Interface<T>],
+) -> HostPair<'a, T> {
+    let mut tied = [Vec::new(), Vec::new()];
+    for i in interfaces {
+        for (m, mask) in tied.iter_mut().enumerate() {
+            let [subdomain, partner] = [sides[m], sides[1 - m]];
+            let Some(side) = (0..2).find(|&s| i.sides[s] == subdomain && i.sides[1 - s] == partner) else {
+                continue;
+            };
+            // Stays empty where no interface ties the two sides.
+            mask.resize(subdomains[subdomain].model().layout().nodes, false);
+            for node in coupled_nodes(&i.coupling[side], i.components()) {
+                mask[node] = true;
+            }
+        }
+    }
+    let sides = sides.map(|s| subdomains[s].host());
+    HostPair { sides, tied }
+}
+
 /// Attaches pair effects; each one gets the nodes of its sides that interfaces tie to the other side.
 pub(super) fn attach<T: Real>(
     pairs: Vec<PairSpec<T>>,
@@ -55,25 +79,10 @@ pub(super) fn attach<T: Real>(
     let mut out = Vec::with_capacity(pairs.len());
     for (k, p) in pairs.into_iter().enumerate() {
         announce(SetupPhase::Pair(k));
-        let mut tied = [Vec::new(), Vec::new()];
-        for i in interfaces {
-            for (m, mask) in tied.iter_mut().enumerate() {
-                let [subdomain, partner] = [p.sides[m], p.sides[1 - m]];
-                let Some(side) = (0..2).find(|&s| i.sides[s] == subdomain && i.sides[1 - s] == partner)
-                else {
-                    continue;
-                };
-                // Stays empty where no interface ties the two sides.
-                mask.resize(subdomains[subdomain].model().layout().nodes, false);
-                for node in coupled_nodes(&i.coupling[side], i.components()) {
-                    mask[node] = true;
-                }
-            }
-        }
-        let sides = p.sides.map(|s| subdomains[s].host());
+        let hosts = hosts(p.sides, subdomains, interfaces);
         out.push(Pair {
             sides: p.sides,
-            line: Attached::new(p.effect.attach(&HostPair { sides, tied })?),
+            line: Attached::new(p.effect.attach(&hosts)?),
         });
     }
     Ok(out)
@@ -94,6 +103,35 @@ pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepD
 }
 
 impl<T: Real> Coupled<T> {
+    /// Refuses new weights of `subdomains` where a pair effect acts between two of them that an interface ties:
+    /// the nodes that are tied, and touch nothing, would change.
+    pub(super) fn check_pairs(&self, subdomains: &[usize]) -> Result<()> {
+        for p in &self.pairs {
+            let is_tied = |i: &Interface<T>| p.sides.iter().all(|s| i.sides.contains(s));
+            if p.sides.iter().any(|s| subdomains.contains(s)) && self.interfaces.iter().any(is_tied) {
+                let name = p.line.effect.name();
+                return Err(Error::Unsupported {
+                    model: self.subdomains[p.sides[0]].model().name().to_owned(),
+                    what: format!(
+                        "change its weights: '{name}' acts between it and a model that an interface ties to it; leave the effect out"
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives pair effects the new weights of `subdomains`.
+    pub(super) fn reweigh_pairs(&mut self, subdomains: &[usize]) -> Result<()> {
+        for p in &mut self.pairs {
+            if p.sides.iter().any(|s| subdomains.contains(s)) {
+                p.line
+                    .reweigh(&hosts(p.sides, &self.subdomains, &self.interfaces))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Lists all effects that are on with their works: for each model its own effects, then those that were
     /// added; last the pair effects.
     pub fn effects(&self) -> Vec<EffectLine<T>> {

@@ -1,6 +1,6 @@
 //! Accounts of effects: one line for each, for reports.
 
-use super::{AnyEffect, Effect, Host, Instant, StepDemand};
+use super::{AnyEffect, Effect, Host, HostPair, Instant, PairEffect, StepDemand};
 use crate::phase::Phase;
 use crate::record::Record;
 use crate::{Real, Result};
@@ -82,6 +82,28 @@ impl<T: Real> Attached<T, dyn Effect<T>> {
             return Ok(());
         }
         self.effect.add_forces(instant, f)
+    }
+}
+
+impl<T: Real> Attached<T, dyn PairEffect<T>> {
+    /// Gives the effect the weights of `hosts` ([`PairEffect::reweigh`]).
+    pub(crate) fn reweigh(&mut self, hosts: &HostPair<'_, T>) -> Result<()> {
+        self.effect.reweigh(hosts)?;
+        self.kept = true;
+        Ok(())
+    }
+
+    /// Adds the forces of the effect at an instant; right after a change of weights, those of before it.
+    pub(crate) fn add_forces(&mut self, instants: [&Instant<'_, T>; 2], f: [&mut [T]; 2]) -> Result<()> {
+        let [first, second] = f;
+        if std::mem::take(&mut self.kept) {
+            let [a, b] =
+                [(0, &mut *first), (1, &mut *second)].map(|(side, f)| self.effect.add_contact(side, f));
+            if a && b {
+                return Ok(());
+            }
+        }
+        self.effect.add_forces(instants, [first, second])
     }
 }
 

@@ -50,6 +50,21 @@ pub trait PairEffect<T: Real>: AnyEffect<T> {
         false
     }
 
+    /// Adapts the effect to new weights of its subdomains without losing its state, like
+    /// [`super::Effect::reweigh`]. No interface ties the two sides.
+    ///
+    /// # Errors
+    /// [`crate::Error::Unsupported`] by default.
+    fn reweigh(&mut self, hosts: &HostPair<'_, T>) -> Result<()> {
+        Err(crate::Error::Unsupported {
+            model: hosts.sides[0].model.name().to_owned(),
+            what: format!(
+                "change its weights beside the effect '{}'; leave it out",
+                self.name()
+            ),
+        })
+    }
+
     /// Demand on the time step of either side.
     fn step_demand(&self) -> [StepDemand<T>; 2] {
         [StepDemand::none(), StepDemand::none()]

@@ -48,8 +48,6 @@ impl<T: Real> Subdomain<T> {
     pub(crate) fn check_rezoning(&mut self, new: &Weights<T>) -> Result<()> {
         let why = if self.weights.weighting == Weighting::Nodal || new.weighting == Weighting::Nodal {
             "weights at nodes conserve no energy that could be accounted for; take weights of elements"
-        } else if self.is_paired() {
-            "an effect acts between it and another model; leave the effect out"
         } else if self.model.evolving().is_some_and(|model| !model.sleep()) {
             "it changes itself, and cannot leave out what sleeps, whose strain is stale; switch that off"
         } else {

@@ -8,6 +8,7 @@
 //! - Other particles that overlap at rest push only when they come closer than at rest, as within one model.
 //!   If the centre of one lies in the other before the first step, one body is inside the other, which is an
 //!   error.
+//! - What sleeps in a zone that moves touches nothing; contacts of what gains weight begin anew.
 //! - In an overlap with a third model, a contact carries the smaller mass share of its two ends, as within
 //!   one model.
 
@@ -34,6 +35,8 @@ struct Contacts {
     grains: [Grains; 2],
     list: CrossList,
     touching: Touching,
+    /// Particles of either model that have gained weight since the last step, ascending.
+    gained: [Vec<u32>; 2],
 }
 
 impl ContactBetween {
@@ -50,6 +53,7 @@ impl ContactBetween {
             grains: [Grains::new(first), Grains::new(second)],
             list: CrossList::new(law.skin * mean),
             touching: Touching::new(law),
+            gained: [Vec::new(), Vec::new()],
         }))
     }
 }
@@ -92,6 +96,25 @@ impl Contacts {
                 limit,
             }),
         }
+    }
+
+    /// Restores what [`AnyEffect::save`] wrote; `None` for a record of other bodies.
+    fn recall(&mut self, from: &Record<f64>) -> Option<()> {
+        let mut integers = &from.integers[..];
+        for gained in &mut self.gained {
+            let (&[count], more) = integers.split_first_chunk::<1>()?;
+            let (listed, more) = more.split_at_checked(usize::try_from(count).ok()?)?;
+            *gained = listed.iter().map(|i| *i as u32).collect();
+            integers = more;
+        }
+        let (integers, numbers) = self.touching.restore(integers, &from.numbers)?;
+        self.list.restore(self.counts(), integers, numbers)?;
+        self.touching.find(&self.list.listed)
+    }
+
+    /// Takes the places of all particles at the displacements `q`.
+    fn place(&mut self, q: [&[f64]; 2]) {
+        self.grains.iter_mut().zip(q).for_each(|(g, q)| g.place(q));
     }
 
     fn counts(&self) -> [usize; 2] {
@@ -146,28 +169,20 @@ impl AnyEffect<f64> for Contacts {
 
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
+        for gained in &self.gained {
+            out.integers.push(gained.len() as u64);
+            out.integers.extend(gained.iter().map(|i| u64::from(*i)));
+        }
         self.touching.save(&mut out);
-        self.list.listed.save(&mut out);
+        self.list.save(&mut out);
         out
     }
 
     fn restore(&mut self, from: &Record<f64>) -> arlequin_core::Result<()> {
-        let counts = self.counts();
-        let sphere_count = counts[0] + counts[1];
-        let touching = self.touching.restore(&from.integers, &from.numbers);
-        let fits = touching.and_then(|(integers, numbers)| {
-            let remaining = self
-                .list
-                .listed
-                .restore(counts, sphere_count, integers, numbers)?;
-            if !remaining.is_empty() {
-                return None;
-            }
-            self.touching.find(&self.list.listed)
-        });
+        let fits = self.recall(from);
         fits.ok_or_else(|| arlequin_core::Error::SizeMismatch {
             what: format!("particles in the record of '{}'", self.name),
-            expected: sphere_count,
+            expected: self.counts().iter().sum(),
             found: from.numbers.len() / 4,
         })
     }
@@ -187,10 +202,17 @@ impl PairEffect<f64> for Contacts {
         let first = !self.touching.has_been_called();
         self.touching.settle(&mut self.list.listed, &instants);
         let q = instants.map(|i| i.q);
-        if !self.list.listed.follow(&mut self.grains, &q) {
-            let [a, b] = &mut self.grains;
-            a.place(q[0]);
-            b.place(q[1]);
+        let gained = std::mem::take(&mut self.gained);
+        if gained.iter().any(|g| !g.is_empty()) {
+            self.place(q);
+            let [a, b] = &self.grains;
+            let now = [&a.now[..], &b.now];
+            self.list
+                .renew(now, [&a.rest_spheres, &b.rest_spheres], [&gained[0], &gained[1]]);
+            self.list.listed.measure(&self.grains, &q);
+        } else if !self.list.listed.follow(&mut self.grains, &q) {
+            self.place(q);
+            let [a, b] = &self.grains;
             self.list
                 .refresh([&a.now, &b.now], [&a.rest_spheres, &b.rest_spheres]);
             self.list.listed.measure(&self.grains, &q);
@@ -209,6 +231,18 @@ impl PairEffect<f64> for Contacts {
     fn add_contact(&self, side: usize, f: &mut [f64]) -> bool {
         self.touching.add_to(side, f);
         true
+    }
+
+    fn reweigh(&mut self, hosts: &HostPair<'_, f64>) -> arlequin_core::Result<()> {
+        for (m, grains) in self.grains.iter_mut().enumerate() {
+            let gained = &mut self.gained[m];
+            gained.extend(grains.reweigh(&hosts.sides[m], &self.name)?);
+            // Of two changes at one instant.
+            gained.sort_unstable();
+            gained.dedup();
+        }
+        self.touching.end_asleep(&mut self.list.listed, &self.grains);
+        Ok(())
     }
 
     /// Returns one demand for both sides, from the lighter particles, because the stiffest mode of a contact

@@ -131,6 +131,15 @@ impl Grains {
         Ok(())
     }
 
+    /// Takes the masses after a change of weights and returns the particles that have gained weight,
+    /// ascending; `effect` is the effect's name in errors.
+    pub(crate) fn reweigh(&mut self, host: &Host<'_, f64>, effect: &str) -> arlequin_core::Result<Vec<u32>> {
+        let before: Vec<f64> = (0..self.len()).map(|i| self.share(i)).collect();
+        self.attach(host, effect)?;
+        let gains = |i: &u32| self.share(*i as usize) > before[*i as usize];
+        Ok((0..before.len() as u32).filter(gains).collect())
+    }
+
     /// Updates the current positions from the displacements in `q` \[m\].
     pub(crate) fn place(&mut self, q: &[f64]) {
         let n = self.now.len();

@@ -224,6 +224,11 @@ impl Listed {
         }
     }
 
+    /// Lets the next refresh search again, also for spheres that have not moved.
+    pub(super) fn forget(&mut self) {
+        self.built.clear();
+    }
+
     /// Writes what a resumed run needs. Integers: number of searches, number of pairs, whether a search was
     /// made; ends and state of each pair. Numbers: rest distance and spring of each pair; the spheres of the
     /// last search.
@@ -357,6 +362,8 @@ pub(crate) struct CrossList {
     pub(crate) listed: Listed,
     /// For each particle of either body: true if an interface between the two bodies ties it.
     pub(crate) tied: [Vec<bool>; 2],
+    /// Distances \[m\] at which pairs push that overlapped at a change of weights.
+    renewed: BTreeMap<[u32; 2], f64>,
 }
 
 impl CrossList {
@@ -364,16 +371,63 @@ impl CrossList {
         Self {
             listed: Listed::new(skin),
             tied: [Vec::new(), Vec::new()],
+            renewed: BTreeMap::new(),
         }
     }
 
     /// Searches again if a particle of either body has moved by half the skin since the last search.
     pub(crate) fn refresh(&mut self, now: [&[Sphere]; 2], rest_spheres: [&[Sphere]; 2]) {
-        let tied = &self.tied;
+        let (tied, renewed) = (&self.tied, &self.renewed);
         self.listed.refresh(now[0], Some(now[1]), |i, k| {
+            let limit = rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]);
+            let renewed = renewed.get(&[i as u32, k as u32]).copied();
             // Where both are tied, the multipliers already determine how they move relative to each other.
-            (!(tied[0][i] && tied[1][k])).then(|| rest_distance_of(&rest_spheres[0][i], &rest_spheres[1][k]))
+            (!(tied[0][i] && tied[1][k])).then(|| limit.min(renewed.unwrap_or(limit)))
         });
+    }
+
+    /// Searches again and lets the contacts of particles that have `gained` weight (ascending) begin anew,
+    /// without a force: the place at which a particle wakes, and the stiffness that it gains, must not load a
+    /// spring that took in no work.
+    pub(super) fn renew(&mut self, now: [&[Sphere]; 2], rest_spheres: [&[Sphere]; 2], gained: [&[u32]; 2]) {
+        self.listed.forget();
+        self.refresh(now, rest_spheres);
+        for (k, pair) in self.listed.pairs.iter_mut().enumerate() {
+            let has_gained = |m: usize| gained[m].binary_search(&pair.ends[m]).is_ok();
+            if !has_gained(0) && !has_gained(1) {
+                continue;
+            }
+            let [a, b] = [0, 1].map(|m: usize| &now[m][pair.ends[m] as usize]);
+            let present = distance(a, b);
+            if present < pair.rest_distance {
+                pair.rest_distance = present;
+                self.renewed.insert(pair.ends, present);
+            }
+            self.listed.springs.take(k);
+        }
+    }
+
+    /// Writes the pairs that overlapped at a change of weights, then the list.
+    pub(super) fn save(&self, out: &mut Record<f64>) {
+        out.integers.push(self.renewed.len() as u64);
+        out.integers
+            .extend(self.renewed.keys().flatten().map(|k| u64::from(*k)));
+        out.numbers.extend(self.renewed.values());
+        self.listed.save(out);
+    }
+
+    /// Restores what [`Self::save`] wrote; `None` for a record of bodies with other than `counts` particles.
+    pub(super) fn restore(&mut self, counts: [usize; 2], integers: &[u64], numbers: &[f64]) -> Option<()> {
+        let (&[renewed], integers) = integers.split_first_chunk::<1>()?;
+        let renewed = usize::try_from(renewed).ok()?;
+        let (ends, integers) = integers.split_at_checked(renewed.checked_mul(2)?)?;
+        let (distances, numbers) = numbers.split_at_checked(renewed)?;
+        let ends = ends.as_chunks::<2>().0.iter().map(|e| e.map(|k| k as u32));
+        self.renewed = ends.zip(distances.iter().copied()).collect();
+        let remaining = self
+            .listed
+            .restore(counts, counts[0] + counts[1], integers, numbers)?;
+        remaining.is_empty().then_some(())
     }
 }
 

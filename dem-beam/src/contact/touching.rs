@@ -165,6 +165,18 @@ impl Touching {
         });
     }
 
+    /// Ends contacts of particles that sleep.
+    pub(crate) fn end_asleep(&mut self, listed: &mut Listed, grains: &[Grains]) {
+        let last = &grains[grains.len() - 1];
+        self.active.retain(|a| {
+            let is_awake = grains[0].is_awake(a.ends[0]) && last.is_awake(a.ends[1]);
+            if !is_awake {
+                listed.springs.take(a.pair);
+            }
+            is_awake
+        });
+    }
+
     /// Adds the forces on the particles of one of two models.
     pub(crate) fn add_to(&self, side: usize, f: &mut [f64]) {
         for a in &self.active {

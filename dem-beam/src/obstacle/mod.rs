@@ -436,10 +436,7 @@ impl Effect<f64> for Body {
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
         let effect = format!("obstacle '{}'", self.name);
-        let before: Vec<f64> = (0..self.grains.len()).map(|i| self.grains.share(i)).collect();
-        self.grains.attach(host, &effect)?;
-        let gains = |i: &u32| self.grains.share(*i as usize) > before[*i as usize];
-        self.gained.extend((0..before.len() as u32).filter(gains));
+        self.gained.extend(self.grains.reweigh(host, &effect)?);
         Ok(())
     }
 

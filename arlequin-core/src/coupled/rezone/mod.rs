@@ -163,8 +163,8 @@ pub struct Rezoned<T: Real> {
     /// Share of the start: change of the internal energy as jumps between the displacements are closed in the
     /// metric of the masses. Measured changes have been positive.
     pub closing: T,
-    /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each body of [`Coupled::bodies`], about its
-    /// centre.
+    /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each group of subdomains that interfaces join,
+    /// about the centre of its body of [`Coupled::bodies`].
     pub motions: Vec<[Vector3<T>; 2]>,
     /// Number of nodes of each model that were awake before and that are awake now.
     pub awake: Vec<[usize; 2]>,
@@ -215,8 +215,8 @@ impl<T: Real> Coupled<T> {
     ///
     /// # Errors
     /// [`Error::Unsupported`] for external solvers, models in parts on several ranks, weights at nodes,
-    /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models,
-    /// and a node that would wake without a giver.
+    /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models that
+    /// an interface ties or that cannot [change](crate::effect::PairEffect::reweigh), and a node that would wake without a giver.
     /// [`Error::InvalidParameter`] for interfaces or effects that are not those of the run. Errors of the
     /// set-up for weights and interfaces; [`Error::UnstableStep`] if the new weights need more own steps
     /// than a model was asked to make ([`OwnStep::Ratio`]). The run is unusable after an error of the
@@ -235,8 +235,10 @@ impl<T: Real> Coupled<T> {
         // here leaves the run usable.
         let (ahead, mut energies) = (self.invariant_ahead()?, vec![self.energies()]);
         // Momenta and givers are those before the change: a model that gives mass has other values after it.
-        let momenta = self.momenta_of_bodies();
+        let groups = self.joined_groups();
+        let momenta = self.momenta_of_groups(&groups);
         let givers: Vec<_> = self.subdomains.iter().map(Giver::new).collect();
+        let changing: Vec<usize> = weights.iter().map(|w| w.0).collect();
         for (k, weights) in weights {
             let own_effects = effects.extract_if(.., |e| e.0 == k).map(|e| e.1).collect();
             self.subdomains[k].reweigh(weights, own_effects, changed)?;
@@ -249,6 +251,7 @@ impl<T: Real> Coupled<T> {
         energies.push(self.energies());
         // After the transfer and before the start: the operators of the interfaces hold the new masses.
         self.tie_anew(&interfaces, changed)?;
+        self.reweigh_pairs(&changing)?;
         self.check_steps(&givers)?;
         // Jumps of any size are removed. At set-up a large jump is a fault of the input; a jump here comes
         // from the transfer.
@@ -257,7 +260,7 @@ impl<T: Real> Coupled<T> {
         let [potential, kinetic] = [0, 1].map(|k| energies[1][k] - energies[0][k]);
         let before = self.kinetic_energy();
         // The statements below keep the momenta, so one rigid motion restores them for good.
-        let motions = self.restore_momenta(&momenta);
+        let motions = self.restore_momenta(&groups, &momenta);
         let rigid = self.kinetic_energy() - before;
         self.start_forces()?;
         self.reflect_start()?;
@@ -329,6 +332,7 @@ impl<T: Real> Coupled<T> {
             }
             self.subdomains[k].check_rezoning(&change.weights[n].1)?;
         }
+        self.check_pairs(&subdomains.clone().collect::<Vec<_>>())?;
         for (k, responses) in &change.responses {
             let nodes = self.subdomains.get(*k).map_or(0, |s| s.model().layout().nodes);
             if responses.len() != nodes {
@@ -450,17 +454,22 @@ impl<T: Real> Coupled<T> {
                 continue;
             }
             let needed = (self.dt / critical).as_f64().ceil() as usize;
-            if let OwnStep::Ratio(_) = s.step_choice() {
-                return Err(Error::UnstableStep {
-                    dt: dt.as_f64(),
-                    critical: critical.as_f64(),
-                    model: s.model().name().to_owned(),
-                    steps,
-                    longest: (critical * T::of(steps as f64)).as_f64(),
-                    needed,
-                });
+            // Models with effects between them make the same own steps.
+            let group = self.lockstep.iter().find(|g| g.members.contains(&k));
+            for m in group.map_or_else(Vec::new, |g| g.members.clone()) {
+                let s = &mut self.subdomains[m];
+                if let OwnStep::Ratio(_) = s.step_choice() {
+                    return Err(Error::UnstableStep {
+                        dt: dt.as_f64(),
+                        critical: critical.as_f64(),
+                        model: s.model().name().to_owned(),
+                        steps,
+                        longest: (critical * T::of(steps as f64)).as_f64(),
+                        needed,
+                    });
+                }
+                s.set_pace(self.dt, needed)?;
             }
-            s.set_pace(self.dt, needed)?;
         }
         Ok(())
     }

@@ -8,6 +8,7 @@
 //! ```
 
 use super::Coupled;
+use crate::coupled::momentum::{joined, momenta};
 use crate::model::Arms;
 use crate::{Real, Subdomain};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -51,24 +52,55 @@ fn for_each_free<T: Real>(
     }
 }
 
+/// Subdomains that interfaces join, with the arms and the centre of their body.
+pub(super) struct Group<T> {
+    members: Vec<usize>,
+    arms: Arms,
+    centre: Vector3<T>,
+}
+
 impl<T: Real> Coupled<T> {
-    /// Linear and angular momentum of every body about its centre.
-    pub(super) fn momenta_of_bodies(&self) -> Vec<[Vector3<T>; 2]> {
-        let bodies = self.ledger.bodies.iter();
-        bodies.map(|b| b.momenta(&self.subdomains)).collect()
+    /// Groups of subdomains that interfaces join. Of a body whose parts only touch each other, each part keeps
+    /// its own momenta in a change of weights.
+    pub(super) fn joined_groups(&self) -> Vec<Group<T>> {
+        let mut out = Vec::new();
+        for (members, arms, centre) in self.ledger.bodies.iter().map(|b| b.frame()) {
+            let groups = joined(&members, self.interfaces.iter().map(|i| i.sides));
+            out.extend(groups.into_iter().map(|members| Group {
+                members,
+                arms,
+                centre,
+            }));
+        }
+        out
     }
 
-    /// Gives every body the rigid motion that restores its `momenta`; returns velocity and spin of each.
-    pub(super) fn restore_momenta(&mut self, momenta: &[[Vector3<T>; 2]]) -> Vec<[Vector3<T>; 2]> {
-        let bodies: Vec<_> = self.ledger.bodies.iter().map(|b| b.frame()).collect();
+    /// Linear and angular momentum of each group about the centre.
+    pub(super) fn momenta_of_groups(&self, groups: &[Group<T>]) -> Vec<[Vector3<T>; 2]> {
+        let of_group = |g: &Group<T>| momenta(&self.subdomains, &g.members, g.arms, &g.centre);
+        groups.iter().map(of_group).collect()
+    }
+
+    /// Gives every group the rigid motion that restores its `momenta`; returns velocity and spin of each.
+    pub(super) fn restore_momenta(
+        &mut self,
+        groups: &[Group<T>],
+        momenta: &[[Vector3<T>; 2]],
+    ) -> Vec<[Vector3<T>; 2]> {
         let mut motions = Vec::new();
-        for ((members, arms, centre), (target, now)) in bodies
-            .into_iter()
-            .zip(momenta.iter().zip(self.momenta_of_bodies()))
+        let present = self.momenta_of_groups(groups);
+        for (
+            Group {
+                members,
+                arms,
+                centre,
+            },
+            (target, now),
+        ) in groups.iter().zip(momenta.iter().zip(present))
         {
-            let frame = (arms, &centre);
+            let frame = (*arms, centre);
             let mut inertia = Matrix6::zeros();
-            for k in &members {
+            for k in members {
                 for_each_free(&self.subdomains[*k], frame, &mut |_, m, motion| {
                     inertia += *motion * motion.transpose() * m;
                 });
@@ -78,7 +110,7 @@ impl<T: Real> Coupled<T> {
             missing.fixed_rows_mut::<3>(0).copy_from(&linear);
             missing.fixed_rows_mut::<3>(3).copy_from(&angular);
             let motion = solve(&inertia, &missing);
-            for k in &members {
+            for k in members {
                 let mut change = Vec::new();
                 for_each_free(&self.subdomains[*k], frame, &mut |i, _, unit| {
                     change.push((i, unit.dot(&motion)));

@@ -124,7 +124,40 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             "loose grains have no bond that could be loaded, and would sleep; take dem.loose = \"drop\"",
         );
     }
+    check_contacts(scene, name)?;
     check_effects(scene, &path, limits)
+}
+
+/// Refuses contacts between two models that would act only until zone `name` comes, or between the body and
+/// what takes its place.
+fn check_contacts(scene: &LoweredScene, name: &str) -> Result<()> {
+    let effects = scene.effect.iter().enumerate().filter(|(_, e)| e.enabled);
+    let contacts: Vec<(usize, [&str; 2])> = effects
+        .filter_map(|(k, e)| match &e.between.as_deref()? {
+            [a, b] => Some((k, [a.as_str(), b])),
+            _ => None,
+        })
+        .collect();
+    for (k, [a, b]) in &contacts {
+        let partner = match [*a, *b] {
+            [BODY, other] | [other, BODY] => other,
+            _ => continue,
+        };
+        let refuse = |rule: String| Err(key(format!("effect[{k}].between"), rule));
+        if partner == name {
+            return refuse(format!(
+                "zone '{name}' takes the place of the body, and both overlap; remove it"
+            ));
+        }
+        let of_spheres = [[name, partner], [partner, name]];
+        if !contacts.iter().any(|c| of_spheres.contains(&c.1)) {
+            return refuse(format!(
+                "ends where the spheres of zone '{name}' take the place of the body's elements; add an effect contact with between \
+                 = [\"{name}\", \"{partner}\"]"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses effects that a zone that moves cannot have; `path` is the key of `limits`.
@@ -142,11 +175,6 @@ fn check_effects(scene: &LoweredScene, path: &str, limits: &FollowTable) -> Resu
             | EffectKind::StiffnessDamping(_)
             | EffectKind::LocalDamping(_)
             | EffectKind::Prestress(_) => {}
-            EffectKind::Contact(_) if e.between.is_some() => {
-                return refuse(
-                    "weights cannot change where contact is between two models; remove it, or follow",
-                );
-            }
             EffectKind::Contact(_) | EffectKind::Obstacle(_) if limits.release.is_some() => {
                 let rule = format!(
                     "spheres that touch must not fall asleep; remove release, or the effect {}",

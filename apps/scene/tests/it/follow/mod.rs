@@ -1,6 +1,7 @@
 //! A zone that follows a crack: compared with spheres everywhere, resumed, and on several threads.
 #![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
+mod contacts;
 mod limits;
 mod obstacles;
 

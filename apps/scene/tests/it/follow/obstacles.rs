@@ -6,9 +6,9 @@ use arlequin_scene::{Observer, Results, Scene};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-/// Returns the shipped plate of coarse spheres without its supports, with `tables` in place of the rest.
-/// Where spheres are `everywhere`, they are those of the reservoir.
-fn plate(everywhere: bool, tables: &str) -> Scene {
+/// Returns the text of the shipped plate of coarse spheres without its supports, with `tables` in place of
+/// the rest. Where spheres are `everywhere`, they are those of the reservoir.
+pub(super) fn plate_text(everywhere: bool, tables: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/scenes/following.toml");
     let text = std::fs::read_to_string(path).expect("a shipped scene");
     let (zone, end) = (text.find("[zone.crack]"), text.find("[[support]]"));
@@ -24,7 +24,12 @@ fn plate(everywhere: bool, tables: &str) -> Scene {
             format!("{body}{}\n\n", notch.expect("a notch"))
         }
     };
-    let text = format!("{models}{tables}").replace(COARSE[0].0, COARSE[0].1);
+    format!("{models}{tables}").replace(COARSE[0].0, COARSE[0].1)
+}
+
+/// Returns the scene of [`plate_text`].
+pub(super) fn plate(everywhere: bool, tables: &str) -> Scene {
+    let text = plate_text(everywhere, tables);
     Scene::from_text(&text).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 

@@ -1,0 +1,119 @@
+//! Other models that touch a zone that follows and its body.
+
+use super::obstacles::{plate, plate_text};
+use super::{bits, breaks, resumed, run};
+use arlequin::core::Coupled;
+use arlequin_scene::{Observer, Results, Scene};
+use std::ops::ControlFlow;
+
+/// A striker of `kind` in front of the notched edge, over both faces of the notch and beyond the zone, with
+/// contact between it and `models`.
+fn striker(kind: &str, speed: f64, models: &[&str]) -> String {
+    let contacts: String = models
+        .iter()
+        .map(|m| format!("[[effect]]\nbetween = [\"{m}\", \"striker\"]\ncontact = {{ friction = 0.2 }}\n\n"))
+        .collect();
+    format!(
+        "[model.striker]\nkind = \"{kind}\"\nshape.box = {{ low = [-4.4e-3, 3.3e-3, 0.0], high = [-0.4e-3, 16.7e-3, 2e-3] }}\n\
+         spacing = 1e-3\nmaterial = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n\n[[initial]]\nmodels = [\"striker\"]\n\
+         velocity.uniform = [{speed:e}, 0.0, 0.0]\n\n[[effect]]\nfracture = {{ gc = 1.0 }}\n\n{contacts}"
+    )
+}
+
+/// Largest change of the momentum along x, at every macro step.
+struct Momentum {
+    first: f64,
+    worst: f64,
+}
+
+impl Observer for Momentum {
+    fn step(&mut self, run: &Coupled<f64>, _: usize) -> ControlFlow<()> {
+        self.worst = self.worst.max((run.momentum()[0].x / self.first - 1.0).abs());
+        ControlFlow::Continue(())
+    }
+}
+
+/// Work of the contacts of the striker with some models.
+fn works(results: &Results, models: &[&str]) -> Vec<f64> {
+    let ledger = &results.summary().energy.ledger;
+    let work = |m: &&str| ledger[&format!("contact {m}-striker")];
+    models.iter().map(work).collect()
+}
+
+/// A block of elements, or of spheres, strikes the notched edge of a free plate: momentum is kept through all
+/// changes, no contact creates energy, the zone grows as the plate splits, and a run that is resumed right
+/// after a change has the bits of the whole run.
+#[test]
+fn a_block_strikes_a_free_plate_and_momentum_is_kept_through_all_changes() {
+    for kind in ["fem", "dem"] {
+        let both = ["body", "crack"];
+        let tables = format!("{}[time]\nend = 14e-6\n", striker(kind, 40.0, &both));
+        let scene = plate(false, &tables);
+        let first = 2200.0 * 4e-3 * 13.4e-3 * 2e-3 * 40.0;
+        let mut watch = Momentum { first, worst: 0.0 };
+        let whole = scene.prepare().expect("built").run(&mut watch).expect("runs");
+        let (changes, energy) = (&whole.summary().conversions, &whole.summary().energy);
+        let works = works(&whole, &both);
+        println!(
+            "{kind}: {} changes, {} breaks, momentum to {:e}, works {works:?} J, drift {:e}, created {:e}",
+            changes.len(),
+            breaks(&whole).len(),
+            watch.worst,
+            energy.h_drift_max,
+            energy.created_max
+        );
+        assert!(changes.len() > 2);
+        assert!(watch.worst < 1e-11, "{:e}", watch.worst);
+        assert!(works.iter().all(|w| w.abs() > 1e-5), "{works:?}");
+        assert!(energy.h_drift_max < 1e-9, "{:e}", energy.h_drift_max);
+        assert!(energy.created_max < 1e-6, "{:e}", energy.created_max);
+        for step in [changes[0].step, changes[1].step + 5] {
+            assert!(bits(&resumed(&scene, step)) == bits(&whole), "resumed at {step}");
+        }
+    }
+}
+
+/// The striker splits the plate as it does with spheres everywhere.
+#[test]
+#[ignore = "ten seconds"]
+fn a_block_splits_a_plate_as_with_spheres_everywhere() {
+    let tables = |models: &[&str]| format!("{}[time]\nend = 24e-6\n", striker("fem", 40.0, models));
+    let follows = run(&plate(false, &tables(&["body", "crack"])));
+    let alone = run(&plate(true, &tables(&["body"])));
+    let counts = [&follows, &alone].map(|r| breaks(r).len());
+    let speed = |r: &Results| {
+        let s = r.run.subdomains().iter().find(|s| s.model().name() == "striker");
+        let (s, n) = s.map(|s| (s, s.model().layout().nodes)).expect("a striker");
+        let mass: f64 = s.inertia().iter().step_by(3).take(n).sum();
+        (0..n)
+            .map(|k| s.inertia()[3 * k] * s.state().v[3 * k])
+            .sum::<f64>()
+            / mass
+    };
+    let speeds = [&follows, &alone].map(speed);
+    println!("{counts:?} breaks, striker at {speeds:?} m/s");
+    assert!(counts[0].abs_diff(counts[1]) * 6 < counts[1], "{counts:?}");
+    assert!((speeds[0] - speeds[1]).abs() < 0.03 * 40.0, "{speeds:?}");
+}
+
+/// A contact with the body alone would end where its spheres come.
+#[test]
+fn contacts_that_would_end_where_the_zone_comes_are_refused_by_name() {
+    let refusal = |models: &[&str], more: &str| {
+        let tables = format!("{}{more}[time]\nend = 1e-6\n", striker("fem", 40.0, models));
+        let read = Scene::from_text(plate_text(false, &tables));
+        read.map(|_| ()).expect_err("refused").to_string()
+    };
+    let message = refusal(&["body"], "");
+    let words = ["effect[1].between", "between = [\"crack\", \"striker\"]"];
+    assert!(words.iter().all(|w| message.contains(w)), "{message}");
+    let with_zone = "[[effect]]\nbetween = [\"crack\", \"body\"]\ncontact = {}\n\n";
+    let message = refusal(&["body", "crack"], with_zone);
+    assert!(
+        message.contains("effect[3].between") && message.contains("takes the place"),
+        "{message}"
+    );
+    // The zone alone is what a striker may be for.
+    let tables = format!("{}[time]\nend = 1e-7\n", striker("fem", 40.0, &["crack"]));
+    assert!(plate(false, &tables).prepare().is_ok());
+}
