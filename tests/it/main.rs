@@ -29,6 +29,7 @@ mod partition_packings;
 mod properties;
 mod restart;
 mod rezoning;
+mod rezoning_contacts;
 mod rezoning_space;
 mod solid;
 mod support;

@@ -2,11 +2,11 @@
 
 use crate::support::solid::{block, material, mediator};
 use arlequin::core::conformance;
-use arlequin::core::contact::{self, ContactLaw, RigidBody, RigidShape, SharedBody, SurfaceObstacle};
+use arlequin::core::effect::PairSpec;
 use arlequin::core::nalgebra::{Point3, Vector3};
 use arlequin::core::{
-    Coupled, Error, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Profile, Ramp, Result, Rezoned,
-    Rezoning, Sampling, Silent, Slab, Subdomain, TimeStep, Weights,
+    Coupled, Error, Guard, InterfaceOptions, InterfaceSpec, L2, Model, OwnStep, Parts, Profile, Ramp, Result,
+    Rezoned, Rezoning, Sampling, Silent, Slab, Subdomain, TimeStep, Weights,
 };
 use arlequin::dem_beam::fracture::{SharedLog, locked};
 use arlequin::dem_beam::{BeamMaterial, Criterion, DemModel, Fracture, Matter};
@@ -21,7 +21,7 @@ const ZONE: f64 = 2.0;
 
 /// The fine model of a bar with a unit section.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Fine {
+pub(crate) enum Fine {
     Hexahedra,
     Tetrahedra,
     Spheres,
@@ -33,7 +33,7 @@ fn ends(from: f64) -> [[f64; 2]; 2] {
     [[from, from - RAMP], [from + ZONE, from + ZONE + RAMP]]
 }
 
-fn weights(from: f64) -> [Weights<f64>; 2] {
+pub(crate) fn weights(from: f64) -> [Weights<f64>; 2] {
     let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramps = ends(from).map(|[fine, coarse]| {
         let slab = Slab::between(point(fine), point(coarse)).unwrap();
@@ -45,7 +45,7 @@ fn weights(from: f64) -> [Weights<f64>; 2] {
 
 /// A cubic lattice of spheres, four across, with beams between neighbours. The zone moves by two layers, so
 /// that the masses of the two models change by equal amounts.
-fn lattice() -> DemModel {
+pub(crate) fn lattice() -> DemModel {
     lattice_with(&|_| true)
 }
 
@@ -85,7 +85,7 @@ fn lattice_with(keep: &dyn Fn([&Vector3<f64>; 2]) -> bool) -> DemModel {
 }
 
 /// Displacement, velocity and (for particles) rotation and spin of a motion at a place.
-type Motion<'a> = &'a mut dyn FnMut(&Point3<f64>) -> [Vector3<f64>; 4];
+pub(crate) type Motion<'a> = &'a mut dyn FnMut(&Point3<f64>) -> [Vector3<f64>; 4];
 
 fn with_state(s: Subdomain<f64>, motion: Motion<'_>) -> Subdomain<f64> {
     let layout = s.model().layout();
@@ -104,22 +104,22 @@ fn with_state(s: Subdomain<f64>, motion: Motion<'_>) -> Subdomain<f64> {
     s.with_initial(q, v).unwrap()
 }
 
-struct Bar {
-    fine: Fine,
-    own: usize,
+pub(crate) struct Bar {
+    pub(crate) fine: Fine,
+    pub(crate) own: usize,
     /// Elements of the fine model along and across the bar.
-    counts: [usize; 3],
+    pub(crate) counts: [usize; 3],
     /// Share of the critical step.
-    step: f64,
+    pub(crate) step: f64,
 }
 
 /// Meshes of which no nodes coincide but on the surfaces.
 const APART: [usize; 3] = [33, 3, 3];
 /// Half as long as the elements of the bar, whose nodes are nodes of this mesh too.
-const NESTED: [usize; 3] = [40, 4, 4];
+pub(crate) const NESTED: [usize; 3] = [40, 4, 4];
 
 impl Bar {
-    fn new(fine: Fine, own: usize) -> Self {
+    pub(crate) fn new(fine: Fine, own: usize) -> Self {
         Self {
             fine,
             own,
@@ -128,7 +128,7 @@ impl Bar {
         }
     }
 
-    fn interfaces(&self, from: f64) -> Vec<InterfaceSpec<f64>> {
+    pub(crate) fn interfaces(&self, from: f64) -> Vec<InterfaceSpec<f64>> {
         let sampling = match self.fine {
             Fine::Spheres => Sampling::Particles,
             _ => Sampling::Intersection,
@@ -145,17 +145,12 @@ impl Bar {
         ["left", "right"].into_iter().zip(ends(from)).map(tie).collect()
     }
 
-    fn build(&self, from: f64, motion: Motion<'_>) -> Coupled<f64> {
-        self.build_with(from, motion, &|bodies| bodies)
+    pub(crate) fn build(&self, from: f64, motion: Motion<'_>) -> Coupled<f64> {
+        self.build_of(self.bodies(from, motion).into(), from, Vec::new())
     }
 
-    /// Builds a run whose two subdomains get what `add` adds.
-    fn build_with(
-        &self,
-        from: f64,
-        motion: Motion<'_>,
-        add: &dyn Fn([Subdomain<f64>; 2]) -> [Subdomain<f64>; 2],
-    ) -> Coupled<f64> {
+    /// The bar and the fine model with a motion.
+    pub(crate) fn bodies(&self, from: f64, motion: Motion<'_>) -> [Subdomain<f64>; 2] {
         let [coarse, fine] = weights(from);
         let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
         let law = match self.fine {
@@ -173,13 +168,28 @@ impl Bar {
             Fine::Spheres => Subdomain::fine(lattice(), fine),
         };
         let fine = fine.with_sleep().with_step(OwnStep::Ratio(self.own));
-        let bodies = add([with_state(bar, motion), with_state(fine, motion)]).into();
-        let step = TimeStep::Fraction(self.step);
-        let guard = arlequin::core::Guard {
+        [with_state(bar, motion), with_state(fine, motion)]
+    }
+
+    /// Builds a run of the bar, the fine model and more, with effects between them.
+    pub(crate) fn build_of(
+        &self,
+        subdomains: Vec<Subdomain<f64>>,
+        from: f64,
+        pairs: Vec<PairSpec<f64>>,
+    ) -> Coupled<f64> {
+        let guard = Guard {
             interval: 1,
             growth: 0.05,
         };
-        Coupled::new(bodies, self.interfaces(from), step, Some(guard)).unwrap()
+        let parts = Parts {
+            start: 0.0,
+            end: None,
+            subdomains,
+            interfaces: self.interfaces(from),
+            pairs,
+        };
+        Coupled::from_parts(parts, TimeStep::Fraction(self.step), Some(guard)).unwrap()
     }
 
     fn rezone(&self, run: &mut Coupled<f64>, from: f64) -> Result<Rezoned<f64>> {
@@ -209,7 +219,7 @@ impl Bar {
 }
 
 /// Beginning of the zone after `n` changes: between 2 and 5.5, by half a length each.
-fn place(n: usize) -> f64 {
+pub(crate) fn place(n: usize) -> f64 {
     let turn = n % 14;
     2.0 + 0.5 * turn.min(14 - turn) as f64
 }
@@ -382,7 +392,7 @@ fn brittle(fracture: Fracture) -> (Coupled<f64>, SharedLog) {
     let spheres = Subdomain::fine(spheres, fine).with_sleep();
     let models = vec![with_state(elements, motion), with_state(spheres, motion)];
     let step = TimeStep::Fraction(0.5);
-    let guard = arlequin::core::Guard {
+    let guard = Guard {
         interval: 1,
         growth: 0.05,
     };
@@ -573,72 +583,5 @@ fn weights_of_the_models_of_this_crate_may_change() {
     for model in models {
         let defect = conformance::reweighing(model, &fine.internal, 1e-3).unwrap();
         assert!(defect < 1e-15, "'{}': {defect:e}", model.name());
-    }
-}
-
-/// Lets both models touch one cylinder that flies across the bar, over its whole length.
-fn struck([bar, fine]: [Subdomain<f64>; 2], law: ContactLaw) -> [Subdomain<f64>; 2] {
-    let shape = RigidShape::Cylinder {
-        point: Point3::new(0.0, 0.5, 3.01),
-        axis: Vector3::x(),
-        radius: 2.0,
-    };
-    let flies = contact::Motion::Free {
-        mass: 0.5,
-        velocity: Vector3::new(0.1, 0.0, -0.2),
-        inertia: None,
-    };
-    let body = SharedBody::new(RigidBody::new("roller", shape, flies).unwrap());
-    [bar, fine].map(|s| {
-        let contact = SurfaceObstacle::new(s.model(), &body, law).unwrap();
-        s.with_effect(Box::new(contact))
-    })
-}
-
-/// Contacts that stay through a change act like contacts that are made for the new weights: those with
-/// damping know the masses, and the budgets of those without know how nodes will move.
-#[test]
-fn contacts_that_stay_know_the_new_weights() {
-    let elastic = ContactLaw::elastic(1.0);
-    let damped = ContactLaw {
-        restitution: 0.3,
-        ..elastic
-    };
-    let rough = ContactLaw {
-        friction: 0.5,
-        ..elastic
-    };
-    for law in [damped, elastic, rough] {
-        let bar = Bar {
-            counts: NESTED,
-            step: 0.8,
-            ..Bar::new(Fine::Hexahedra, 1)
-        };
-        let still = &mut |_: &Point3<f64>| [Vector3::zeros(); 4];
-        let build = |from, still: Motion<'_>| bar.build_with(from, still, &|bodies| struck(bodies, law));
-        let (mut moved, mut built) = (build(place(1), still), build(place(2), still));
-        let [coarse, fine] = weights(place(2));
-        let change = Rezoning::new(bar.interfaces(place(2)))
-            .with_weights(0, coarse)
-            .with_weights(1, fine)
-            .with_kept_effect(0)
-            .with_kept_effect(1);
-        let work = moved.rezone(change).unwrap().work;
-        assert!(work == 0.0, "{work:e}");
-        for run in [&mut moved, &mut built] {
-            run.run(1000, &mut Silent).unwrap();
-        }
-        let state = |run: &Coupled<f64>| -> Vec<f64> {
-            let states = run.subdomains().iter().map(Subdomain::state);
-            states.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
-        };
-        let (a, b) = (state(&moved), state(&built));
-        let top = b.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        let apart = a.iter().zip(&b).fold(0.0, |m: f64, (x, y)| m.max((x - y).abs()));
-        let works: Vec<f64> = built.effects().iter().filter_map(|e| e.work).collect();
-        println!("apart by {apart:e} of {top:e}, works {works:?}");
-        assert!(works.len() == 2 && works.iter().all(|w| *w > 1e-6), "{works:?}");
-        // Round-off of the step, which a change keeps.
-        assert!(apart <= 1e-9 * top, "{apart:e} of {top:e}");
     }
 }

@@ -106,10 +106,10 @@ pub(super) fn locate(sides: &[Side; 2], point: u32) -> (usize, usize) {
     if k < first { (0, k) } else { (1, k - first) }
 }
 
-/// Returns whether no end of a contact sleeps.
-fn is_awake(sides: &[Side; 2], a: &Active) -> bool {
-    let (s, k) = locate(sides, a.point);
-    sides[s].weight(&sides[s].points[k].place) > 0.0 && sides[1 - s].weight(&a.foot) > 0.0
+/// Share of a contact: the product of those of its ends.
+fn share(sides: &[Side; 2], point: u32, foot: &Place) -> f64 {
+    let (s, k) = locate(sides, point);
+    sides[s].weight(&sides[s].points[k].place) * sides[1 - s].weight(foot)
 }
 
 /// Power of a contact on the velocities `v` \[W\].
@@ -261,18 +261,6 @@ impl Contacts {
         self.closed.restore(integers, numbers, nodes)
     }
 
-    /// Ends contacts of which an end sleeps.
-    fn end_asleep(&mut self) {
-        for n in 0..self.closed.active.len() {
-            let a = self.closed.active[n];
-            if !is_awake(&self.sides, &a) {
-                self.closed.open(a.point as usize);
-            }
-        }
-        let sides = &self.sides;
-        self.closed.active.retain(|a| is_awake(sides, a));
-    }
-
     /// Computes all contacts and adds their forces to `f`.
     fn respond(&mut self, instants: [&Instant<'_, f64>; 2], f: &mut [&mut [f64]; 2]) {
         let dt = instants[0].dt;
@@ -323,7 +311,7 @@ impl Contacts {
             reduced_radius: 0.0,
             // The force acts at the foot.
             arms: [0.0, if own.turns { foot.distance } else { 0.0 }],
-            share: own.weight(&p.place) * other.weight(&foot.place),
+            share: share(&self.sides, point, &foot.place),
             inverse_mass: 1.0 / mass,
             motion: [
                 twist(other, &foot.place, instants[1 - s].v_half),
@@ -523,11 +511,18 @@ impl PairEffect<f64> for Contacts {
     }
 
     fn reweigh(&mut self, hosts: &HostPair<'_, f64>) -> Result<()> {
+        let active = self.closed.active.iter();
+        let before: Vec<f64> = active.map(|a| share(&self.sides, a.point, &a.foot)).collect();
         for (side, host) in self.sides.iter_mut().zip(&hosts.sides) {
             side.reweigh(host)?;
         }
         self.near.forget();
-        self.end_asleep();
+        let (sides, mut before) = (&self.sides, before.into_iter());
+        // As at an obstacle, on both sides.
+        self.closed.weaken(|a| {
+            let before = before.next().unwrap_or(1.0);
+            (share(sides, a.point, &a.foot) / before).min(1.0)
+        });
         Ok(())
     }
 

@@ -129,6 +129,23 @@ impl Closed {
         }
     }
 
+    /// Lets contacts lose force after a change of weights: each keeps the part that `kept` returns, and none
+    /// ends the contact.
+    pub(super) fn weaken(&mut self, mut kept: impl FnMut(&Active) -> f64) {
+        let mut active = std::mem::take(&mut self.active);
+        active.retain_mut(|a| {
+            let kept = kept(a);
+            if kept <= 0.0 {
+                self.open(a.point as usize);
+            }
+            // The power that is expected remains that of the whole force: budgets are settled by what the
+            // part does.
+            (a.force, a.torque, a.stored) = (a.force * kept, a.torque * kept, a.stored * kept);
+            kept > 0.0
+        });
+        self.active = active;
+    }
+
     /// Lets a contact repay the debt of the effect from its own budget.
     fn repay(&mut self, point: usize) {
         let budget = &mut self.springs[point].budget;

@@ -481,17 +481,16 @@ impl Effect<f64> for Contacts {
     }
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> Result<()> {
+        let before = std::mem::take(&mut self.weight);
         self.weigh(host)?;
         let (body, weight) = (self.body.clone(), &self.weight);
         let mut rigid = body.lock();
-        // Points that now sleep no longer push in the second half of the step around this instant; the body
-        // would be pushed in both.
-        self.closed.active.retain(|a| {
-            let stays = weight[a.point as usize] > 0.0;
-            if !stays {
-                rigid.push(self.share, &(a.force * 0.5), &Vector3::zeros());
-            }
-            stays
+        // Points push with their present weight in the second half of the step around this instant, since a
+        // kept force would throw nodes that have become light; the body would be pushed as before in both.
+        self.closed.weaken(|a| {
+            let kept = (weight[a.point as usize] / before[a.point as usize]).min(1.0);
+            rigid.push(self.share, &(a.force * (0.5 * (1.0 - kept))), &Vector3::zeros());
+            kept
         });
         Ok(())
     }

@@ -234,14 +234,17 @@ impl PairEffect<f64> for Contacts {
     }
 
     fn reweigh(&mut self, hosts: &HostPair<'_, f64>) -> arlequin_core::Result<()> {
+        let before = self.grains.each_ref().map(Grains::shares);
         for (m, grains) in self.grains.iter_mut().enumerate() {
+            grains.attach(&hosts.sides[m], &self.name)?;
             let gained = &mut self.gained[m];
-            gained.extend(grains.reweigh(&hosts.sides[m], &self.name)?);
+            gained.extend(grains.gained(&before[m]));
             // Of two changes at one instant.
             gained.sort_unstable();
             gained.dedup();
         }
-        self.touching.end_asleep(&mut self.list.listed, &self.grains);
+        self.touching
+            .weaken(&mut self.list.listed, &self.grains, [&before[0], &before[1]]);
         Ok(())
     }
 

@@ -131,13 +131,15 @@ impl Grains {
         Ok(())
     }
 
-    /// Takes the masses after a change of weights and returns the particles that have gained weight,
-    /// ascending; `effect` is the effect's name in errors.
-    pub(crate) fn reweigh(&mut self, host: &Host<'_, f64>, effect: &str) -> arlequin_core::Result<Vec<u32>> {
-        let before: Vec<f64> = (0..self.len()).map(|i| self.share(i)).collect();
-        self.attach(host, effect)?;
+    /// Weighted over unweighted masses, to be compared after a change of weights.
+    pub(crate) fn shares(&self) -> Vec<f64> {
+        (0..self.len()).map(|i| self.share(i)).collect()
+    }
+
+    /// Particles whose share is larger than `before`, ascending.
+    pub(crate) fn gained(&self, before: &[f64]) -> Vec<u32> {
         let gains = |i: &u32| self.share(*i as usize) > before[*i as usize];
-        Ok((0..before.len() as u32).filter(gains).collect())
+        (0..before.len() as u32).filter(gains).collect()
     }
 
     /// Updates the current positions from the displacements in `q` \[m\].

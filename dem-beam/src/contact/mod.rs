@@ -251,8 +251,16 @@ impl Effect<f64> for Contacts {
     }
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
-        let effect = format!("contact on '{}'", host.model.name());
-        self.grains.attach(host, &effect)
+        let (effect, before) = (
+            format!("contact on '{}'", host.model.name()),
+            self.grains.shares(),
+        );
+        self.grains.attach(host, &effect)?;
+        if let Pairs::Whole(list) = &mut self.pairs {
+            let grains = from_ref(&self.grains);
+            self.touching.weaken(&mut list.listed, grains, [&before; 2]);
+        }
+        Ok(())
     }
 
     fn step_demand(&self) -> StepDemand<f64> {

@@ -165,15 +165,21 @@ impl Touching {
         });
     }
 
-    /// Ends contacts of particles that sleep.
-    pub(crate) fn end_asleep(&mut self, listed: &mut Listed, grains: &[Grains]) {
+    /// Lets contacts lose as much force as share after a change of weights, and ends those of particles that
+    /// sleep: a kept force would throw what has become light. `before` are the shares of both ends' models.
+    pub(crate) fn weaken(&mut self, listed: &mut Listed, grains: &[Grains], before: [&[f64]; 2]) {
         let last = &grains[grains.len() - 1];
-        self.active.retain(|a| {
-            let is_awake = grains[0].is_awake(a.ends[0]) && last.is_awake(a.ends[1]);
-            if !is_awake {
+        self.active.retain_mut(|a| {
+            let [i, j] = a.ends.map(|e| e as usize);
+            let kept = grains[0].share(i).min(last.share(j)) / before[0][i].min(before[1][j]);
+            if kept <= 0.0 {
                 listed.springs.take(a.pair);
+            } else if kept < 1.0 {
+                a.force *= kept;
+                a.torque.iter_mut().for_each(|t| *t *= kept);
+                a.stored *= kept;
             }
-            is_awake
+            kept > 0.0
         });
     }
 

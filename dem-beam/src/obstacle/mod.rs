@@ -436,7 +436,19 @@ impl Effect<f64> for Body {
 
     fn reweigh(&mut self, host: &Host<'_, f64>) -> arlequin_core::Result<()> {
         let effect = format!("obstacle '{}'", self.name);
-        self.gained.extend(self.grains.reweigh(host, &effect)?);
+        let before = self.grains.shares();
+        self.grains.attach(host, &effect)?;
+        self.gained.extend(self.grains.gained(&before));
+        let body = self.body.clone();
+        let mut rigid = body.lock();
+        // As at a surface: what has become light would be thrown by a kept force.
+        self.active.retain_mut(|a| {
+            let i = a.particle as usize;
+            let kept = (self.grains.share(i) / before[i]).min(1.0);
+            rigid.push(self.share, &(a.force * (0.5 * (1.0 - kept))), &Vector3::zeros());
+            (a.force, a.torque, a.stored) = (a.force * kept, a.torque * kept, a.stored * kept);
+            kept > 0.0
+        });
         Ok(())
     }
 
