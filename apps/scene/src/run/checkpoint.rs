@@ -21,7 +21,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 /// Format number; to be increased whenever the payload changes.
-const FORMAT: u32 = 10;
+const FORMAT: u32 = 11;
 const MAGIC: &[u8; 8] = b"ARLQCKPT";
 const HEAD: usize = 8 + 4 + 8;
 const TAIL: usize = 4;
@@ -241,8 +241,8 @@ mod tests {
             assert!(r.starts_with("is truncated at"), "{n}: {r}");
         }
         let mut newer = good.clone();
-        newer[8] = 11;
-        let message = format!("has format 11, this program reads format {FORMAT}");
+        newer[8] = 12;
+        let message = format!("has format 12, this program reads format {FORMAT}");
         assert!(reason(&newer).starts_with(&message));
         for k in (HEAD..good.len()).step_by(7) {
             let mut bad = good.clone();
