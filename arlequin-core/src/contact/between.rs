@@ -229,8 +229,8 @@ impl Contacts {
         }
         for (point, foot) in self.near.feet() {
             let (s, k) = locate(&self.sides, point);
-            let (own, other) = (&self.sides[s], &self.sides[1 - s]);
-            if own.has_gained(&own.points[k].place) || other.has_gained(&foot.place) {
+            let [point_side, foot_side] = [&self.sides[s], &self.sides[1 - s]];
+            if point_side.has_gained(&point_side.points[k].place) || foot_side.has_gained(&foot.place) {
                 let allowed = &mut self.allowed[point as usize];
                 if foot.distance < *allowed {
                     *allowed = foot.distance;

@@ -129,19 +129,19 @@ impl Closed {
         }
     }
 
-    /// Lets contacts lose force after a change of weights: each keeps the part that `kept` returns, and none
-    /// ends the contact.
-    pub(super) fn weaken(&mut self, mut kept: impl FnMut(&Active) -> f64) {
+    /// Lets contacts lose force after a change of weights: each keeps the part that `part` returns, and a
+    /// part of zero ends it.
+    pub(super) fn weaken(&mut self, mut part: impl FnMut(&Active) -> f64) {
         let mut active = std::mem::take(&mut self.active);
         active.retain_mut(|a| {
-            let kept = kept(a);
-            if kept <= 0.0 {
+            let part = part(a);
+            if part <= 0.0 {
                 self.open(a.point as usize);
             }
             // The power that is expected remains that of the whole force: budgets are settled by what the
             // part does.
-            (a.force, a.torque, a.stored) = (a.force * kept, a.torque * kept, a.stored * kept);
-            kept > 0.0
+            (a.force, a.torque, a.stored) = (a.force * part, a.torque * part, a.stored * part);
+            part > 0.0
         });
         self.active = active;
     }

@@ -174,8 +174,8 @@ pub(super) struct Side {
     pub(super) nodes: Vec<u32>,
     /// Nodes that have gained weight since the last step, ascending.
     pub(super) gained: Vec<u32>,
-    /// Weighted over unweighted mass, weighted and unweighted mass \[kg\] of each node. A node that sleeps has
-    /// no weight.
+    /// Weighted over unweighted mass, weighted and unweighted mass \[kg\] of each node. A node that sleeps
+    /// has no weight.
     share: Vec<f64>,
     mass: Vec<f64>,
     unweighted: Vec<f64>,

@@ -488,9 +488,9 @@ impl Effect<f64> for Contacts {
         // Points push with their present weight in the second half of the step around this instant, since a
         // kept force would throw nodes that have become light; the body would be pushed as before in both.
         self.closed.weaken(|a| {
-            let kept = (weight[a.point as usize] / before[a.point as usize]).min(1.0);
-            rigid.push(self.share, &(a.force * (0.5 * (1.0 - kept))), &Vector3::zeros());
-            kept
+            let part = (weight[a.point as usize] / before[a.point as usize]).min(1.0);
+            rigid.push(self.share, &(a.force * (0.5 * (1.0 - part))), &Vector3::zeros());
+            part
         });
         Ok(())
     }

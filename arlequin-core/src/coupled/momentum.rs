@@ -346,8 +346,8 @@ impl<T: Real> Coupled<T> {
     /// Finds the bodies and evaluates their momenta at the start.
     pub(crate) fn find_bodies(&mut self) {
         let interfaces = self.interfaces.iter().map(|i| i.sides);
-        let all: Vec<usize> = (0..self.subdomains.len()).collect();
-        let groups = joined(&all, interfaces.chain(self.pairs.iter().map(|p| p.sides)));
+        let members: Vec<usize> = (0..self.subdomains.len()).collect();
+        let groups = joined(&members, interfaces.chain(self.pairs.iter().map(|p| p.sides)));
         self.ledger.bodies = groups
             .into_iter()
             .map(|members| {

@@ -103,8 +103,8 @@ pub(super) fn demands<T: Real>(pairs: &[Pair<T>], subdomain: usize) -> Vec<StepD
 }
 
 impl<T: Real> Coupled<T> {
-    /// Refuses new weights of `subdomains` where a pair effect acts between two of them that an interface ties:
-    /// the nodes that are tied, and touch nothing, would change.
+    /// Refuses new weights of `subdomains` where a pair effect acts between two of them that an interface
+    /// ties: the nodes that are tied, and touch nothing, would change.
     pub(super) fn check_pairs(&self, subdomains: &[usize]) -> Result<()> {
         for p in &self.pairs {
             let is_tied = |i: &Interface<T>| p.sides.iter().all(|s| i.sides.contains(s));

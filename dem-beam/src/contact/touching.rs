@@ -171,15 +171,15 @@ impl Touching {
         let last = &grains[grains.len() - 1];
         self.active.retain_mut(|a| {
             let [i, j] = a.ends.map(|e| e as usize);
-            let kept = grains[0].share(i).min(last.share(j)) / before[0][i].min(before[1][j]);
-            if kept <= 0.0 {
+            let part = grains[0].share(i).min(last.share(j)) / before[0][i].min(before[1][j]);
+            if part <= 0.0 {
                 listed.springs.take(a.pair);
-            } else if kept < 1.0 {
-                a.force *= kept;
-                a.torque.iter_mut().for_each(|t| *t *= kept);
-                a.stored *= kept;
+            } else if part < 1.0 {
+                a.force *= part;
+                a.torque.iter_mut().for_each(|t| *t *= part);
+                a.stored *= part;
             }
-            kept > 0.0
+            part > 0.0
         });
     }
 

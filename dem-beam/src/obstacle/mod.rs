@@ -444,10 +444,10 @@ impl Effect<f64> for Body {
         // As at a surface: what has become light would be thrown by a kept force.
         self.active.retain_mut(|a| {
             let i = a.particle as usize;
-            let kept = (self.grains.share(i) / before[i]).min(1.0);
-            rigid.push(self.share, &(a.force * (0.5 * (1.0 - kept))), &Vector3::zeros());
-            (a.force, a.torque, a.stored) = (a.force * kept, a.torque * kept, a.stored * kept);
-            kept > 0.0
+            let part = (self.grains.share(i) / before[i]).min(1.0);
+            rigid.push(self.share, &(a.force * (0.5 * (1.0 - part))), &Vector3::zeros());
+            (a.force, a.torque, a.stored) = (a.force * part, a.torque * part, a.stored * part);
+            part > 0.0
         });
         Ok(())
     }

@@ -163,8 +163,8 @@ pub struct Rezoned<T: Real> {
     /// Share of the start: change of the internal energy as jumps between the displacements are closed in the
     /// metric of the masses. Measured changes have been positive.
     pub closing: T,
-    /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each group of subdomains that interfaces join,
-    /// about the centre of its body of [`Coupled::bodies`].
+    /// Velocity \[m/s\] and spin \[rad/s\] of the rigid motion of each group of subdomains that interfaces
+    /// join, about the centre of its body of [`Coupled::bodies`].
     pub motions: Vec<[Vector3<T>; 2]>,
     /// Number of nodes of each model that were awake before and that are awake now.
     pub awake: Vec<[usize; 2]>,
@@ -215,8 +215,9 @@ impl<T: Real> Coupled<T> {
     ///
     /// # Errors
     /// [`Error::Unsupported`] for external solvers, models in parts on several ranks, weights at nodes,
-    /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models that
-    /// an interface ties or that cannot [change](crate::effect::PairEffect::reweigh), and a node that would wake without a giver.
+    /// models that change themselves and cannot [sleep](crate::Evolving::sleep), effects between two models
+    /// that an interface ties or that cannot take new weights ([`crate::effect::PairEffect::reweigh`]), and a
+    /// node that would wake without a giver.
     /// [`Error::InvalidParameter`] for interfaces or effects that are not those of the run. Errors of the
     /// set-up for weights and interfaces; [`Error::UnstableStep`] if the new weights need more own steps
     /// than a model was asked to make ([`OwnStep::Ratio`]). The run is unusable after an error of the

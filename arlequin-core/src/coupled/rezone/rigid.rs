@@ -60,8 +60,8 @@ pub(super) struct Group<T> {
 }
 
 impl<T: Real> Coupled<T> {
-    /// Groups of subdomains that interfaces join. Of a body whose parts only touch each other, each part keeps
-    /// its own momenta in a change of weights.
+    /// Groups of subdomains that interfaces join. Of a body whose parts only touch each other, each part
+    /// keeps its own momenta in a change of weights.
     pub(super) fn joined_groups(&self) -> Vec<Group<T>> {
         let mut out = Vec::new();
         for (members, arms, centre) in self.ledger.bodies.iter().map(|b| b.frame()) {

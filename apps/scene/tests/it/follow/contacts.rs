@@ -46,14 +46,14 @@ fn works(results: &Results, models: &[&str]) -> Vec<f64> {
 #[test]
 fn a_block_strikes_a_free_plate_and_momentum_is_kept_through_all_changes() {
     for kind in ["fem", "dem"] {
-        let both = ["body", "crack"];
-        let tables = format!("{}[time]\nend = 14e-6\n", striker(kind, 40.0, &both));
+        let touched = ["body", "crack"];
+        let tables = format!("{}[time]\nend = 14e-6\n", striker(kind, 40.0, &touched));
         let scene = plate(false, &tables);
         let first = 2200.0 * 4e-3 * 13.4e-3 * 2e-3 * 40.0;
         let mut watch = Momentum { first, worst: 0.0 };
         let whole = scene.prepare().expect("built").run(&mut watch).expect("runs");
         let (changes, energy) = (&whole.summary().conversions, &whole.summary().energy);
-        let works = works(&whole, &both);
+        let works = works(&whole, &touched);
         println!(
             "{kind}: {} changes, {} breaks, momentum to {:e}, works {works:?} J, drift {:e}, created {:e}",
             changes.len(),
