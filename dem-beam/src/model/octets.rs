@@ -102,10 +102,10 @@ impl Octet {
     #[inline(always)]
     fn set(&mut self, k: usize, model: &DemModel, reader: &Reader<'_>, b: usize) {
         let [i, j] = model.body.pairs()[b].map(|i| i as usize);
-        let rest = model.body.span(b);
+        let span = model.body.span(b);
         let [first, second] = [reader.twist(i), reader.twist(j)];
         for c in 0..3 {
-            self.rest[c][k] = rest[c];
+            self.rest[c][k] = span[c];
             self.shift[c][k] = second.linear[c] - first.linear[c];
             self.turns[0][c][k] = first.angular[c];
             self.turns[1][c][k] = second.angular[c];
@@ -119,11 +119,11 @@ impl Octet {
     #[inline(always)]
     fn loads<L: Lanes>(&self, l: L, k: &BeamRigidity) -> (Loads, Strains<L>) {
         let times = |x: f64, v: L::V| l.mul(l.splat(x), v);
-        let (rest, du) = (load(l, &self.rest), load(l, &self.shift));
+        let (span, du) = (load(l, &self.rest), load(l, &self.shift));
         let [ti, tj] = [load(l, &self.turns[0]), load(l, &self.turns[1])];
         let s = l.div(l.load(&self.scale[0]), l.load(&self.scale[1]));
-        let length = l.sqrt(plain_dot(l, rest, rest));
-        let p = over(l, rest, l.mul(length, length));
+        let length = l.sqrt(plain_dot(l, span, span));
+        let p = over(l, span, l.mul(length, length));
         let q = plain_dot(l, p, p);
         let stretch = plain_dot(l, p, du);
         let chord = plain_cross(l, p, du);
@@ -148,11 +148,11 @@ impl Octet {
         let torsion = l.mul(l.mul(times(0.5 * k.torsion, s), twist), twist);
         let energy = l.add(l.add(axial, torsion), l.mul(b, strains.bend(l)));
         // Components, and the moment for the stress.
-        let span = over(l, p, q);
-        let along = over(l, span, l.sqrt(plain_dot(l, span, span)));
+        let arm = over(l, p, q);
+        let along = over(l, arm, l.sqrt(plain_dot(l, arm, arm)));
         let axial = plain_dot(l, along, force);
         let shear = diff(l, force, scale(l, along, axial));
-        let product = |a: usize, b: usize| l.mul(span[a], force[b]);
+        let product = |a: usize, b: usize| l.mul(arm[a], force[b]);
         let half = |a: usize, b: usize| times(0.5, l.add(product(a, b), product(b, a)));
         let loads = Loads {
             moment: [
