@@ -34,10 +34,14 @@ fn ends(from: f64) -> [[f64; 2]; 2] {
 }
 
 pub(crate) fn weights(from: f64) -> [Weights<f64>; 2] {
+    weights_of(from, &Profile::Cubic)
+}
+
+pub(crate) fn weights_of(from: f64, profile: &Profile<f64>) -> [Weights<f64>; 2] {
     let point = |x: f64| Point3::new(x, 0.0, 0.0);
     let ramps = ends(from).map(|[fine, coarse]| {
         let slab = Slab::between(point(fine), point(coarse)).unwrap();
-        Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.0).unwrap()))
+        Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), profile.clone(), 0.0).unwrap()))
     });
     let fine = Weights::complement_of(&ramps);
     [Weights::complement_of(std::slice::from_ref(&fine)), fine]
@@ -151,7 +155,14 @@ impl Bar {
 
     /// The bar and the fine model with a motion.
     pub(crate) fn bodies(&self, from: f64, motion: Motion<'_>) -> [Subdomain<f64>; 2] {
-        let [coarse, fine] = weights(from);
+        self.weighted_bodies(weights(from), motion)
+    }
+
+    pub(crate) fn weighted_bodies(
+        &self,
+        [coarse, fine]: [Weights<f64>; 2],
+        motion: Motion<'_>,
+    ) -> [Subdomain<f64>; 2] {
         let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
         let law = match self.fine {
             Fine::Spheres => Elastic::new(1.0, 0.0, 1.0).unwrap(),

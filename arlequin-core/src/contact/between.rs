@@ -236,7 +236,7 @@ impl Contacts {
                     *allowed = foot.distance;
                     self.renewed.insert(point);
                 }
-                self.closed.open(point as usize);
+                self.closed.finish(point as usize);
             }
         }
         self.sides.iter_mut().for_each(|s| s.gained.clear());
@@ -244,8 +244,8 @@ impl Contacts {
 
     /// Restores what [`AnyEffect::save`] wrote; `None` for a record of other points.
     fn recall(&mut self, from: &Record<f64>) -> Option<()> {
-        let (counts, integers) = from.integers.split_first_chunk::<3>()?;
-        let [renewed, first, second] = counts.map(|n| usize::try_from(n).ok());
+        let (counts, integers) = from.integers.split_first_chunk::<4>()?;
+        let [most, renewed, first, second] = counts.map(|n| usize::try_from(n).ok());
         let (renewed, integers) = integers.split_at_checked(renewed?)?;
         let (first, integers) = integers.split_at_checked(first?)?;
         let (second, integers) = integers.split_at_checked(second?)?;
@@ -254,6 +254,7 @@ impl Contacts {
             *self.allowed.get_mut(usize::try_from(*point).ok()?)? = *distance;
         }
         let points = |x: &[u64]| x.iter().map(|k| *k as u32).collect::<Vec<u32>>();
+        self.most = most?;
         self.renewed = points(renewed).into_iter().collect();
         (self.sides[0].gained, self.sides[1].gained) = (points(first), points(second));
         let sides = &self.sides;
@@ -436,7 +437,7 @@ impl AnyEffect<f64> for Contacts {
     fn save(&self) -> Record<f64> {
         let mut out = Record::default();
         let gained = self.sides.each_ref().map(|s| &s.gained);
-        let counts = [self.renewed.len(), gained[0].len(), gained[1].len()];
+        let counts = [self.most, self.renewed.len(), gained[0].len(), gained[1].len()];
         out.integers.extend(counts.map(|n| n as u64));
         let listed = self.renewed.iter().chain(gained.into_iter().flatten());
         out.integers.extend(listed.map(|k| u64::from(*k)));

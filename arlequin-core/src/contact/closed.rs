@@ -121,12 +121,19 @@ impl Closed {
 
     /// Opens the contact of a point: it forgets its sliding and its budget.
     pub(super) fn open(&mut self, point: usize) {
-        if self.springs[point].closed {
-            self.repay(point);
-            let spring = std::mem::take(&mut self.springs[point]);
-            let is_elastic = self.law.damping_ratio() <= 0.0 && self.law.law.friction <= 0.0;
-            self.lost += if is_elastic { spring.budget } else { 0.0 };
+        let held = self.finish(point);
+        let is_elastic = self.law.damping_ratio() <= 0.0 && self.law.law.friction <= 0.0;
+        self.lost += if is_elastic { held } else { 0.0 };
+    }
+
+    /// Ends the contact of a point, whose place another model takes or whose weight grows. Returns the energy
+    /// that it held \[J\].
+    pub(super) fn finish(&mut self, point: usize) -> f64 {
+        if !self.springs[point].closed {
+            return 0.0;
         }
+        self.repay(point);
+        std::mem::take(&mut self.springs[point]).budget
     }
 
     /// Lets contacts lose force after a change of weights: each keeps the part that `part` returns, and a
@@ -136,7 +143,7 @@ impl Closed {
         active.retain_mut(|a| {
             let part = part(a);
             if part <= 0.0 {
-                self.open(a.point as usize);
+                self.finish(a.point as usize);
             }
             // The power that is expected remains that of the whole force: budgets are settled by what the
             // part does.
@@ -362,5 +369,35 @@ mod tests {
                 assert_abs_diff_eq!(part.1, lost, epsilon = 1e-14);
             }
         }
+    }
+
+    /// A contact that falls asleep ends, and the energy that it held is no loss of an elastic contact; one that
+    /// loses weight keeps as much force.
+    #[test]
+    fn a_change_of_weights_weakens_contacts_and_ends_those_that_sleep() {
+        let mut closed = Closed::new(ContactLaw::elastic(1e9), 2);
+        closed.taken = 2.0;
+        for point in 0..2 {
+            closed.springs[point].closed = true;
+            closed.springs[point].budget = 1.0;
+            closed.active.push(Active {
+                point: point as u32,
+                foot: Place::default(),
+                force: Vector3::x(),
+                torque: Vector3::y(),
+                stored: 0.5,
+                expected: 3.0,
+            });
+        }
+        closed.weaken(|a| f64::from(a.point) * 0.25);
+        let [a] = closed.active[..] else {
+            panic!("{:?}", closed.active)
+        };
+        assert!(!closed.springs[0].closed && closed.springs[1].closed);
+        assert_eq!(
+            (a.point, a.force.x, a.torque.y, a.stored, a.expected),
+            (1, 0.25, 0.25, 0.125, 3.0)
+        );
+        assert_abs_diff_eq!(closed.facts()[2].1, 0.0);
     }
 }

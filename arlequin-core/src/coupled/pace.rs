@@ -164,7 +164,7 @@ fn agree<T: Real>(wishes: &mut [Wish<T>], subdomains: &[Subdomain<T>], lockstep:
         if let Some((second, m)) = named.iter().find(|(_, m)| *m != steps) {
             let what = format!("own steps of models '{}' and '{}'", name(first), name(*second));
             let numbers = format_args!("{steps} and {m}");
-            let rule = "must be as many, since an effect acts between the two; name one number, or that of one of them";
+            let rule = "must be as many, since effects act between the two or between each and a third; name one number, or that of one of them";
             return Err(invalid(&what, numbers, rule));
         }
         // Only members that named nothing: fractions stay, and the group takes the largest number in the end.

@@ -446,7 +446,8 @@ pub(crate) fn displaced(rest_spheres: &[Sphere], q: &[f64]) -> Vec<Sphere> {
 }
 
 /// Counts unbonded pairs within a body that overlap beyond rest by more than `tolerance` times the sum of
-/// their radii. Bonds for which `broken` is true join nothing.
+/// their radii. Bonds for which `broken` is true join nothing. Particles that sleep are where they fell
+/// asleep, and are left out.
 ///
 /// Returns the number of pairs and the largest overlap over the sum of radii, or `None` if there are no
 /// pairs.
@@ -459,8 +460,17 @@ pub(crate) fn overlaps(
     let rest_spheres = spheres(body.positions(), body.radii());
     let now = displaced(&rest_spheres, q);
     let adjacency = body.adjacency();
-    let may_touch =
-        |i: usize, k: usize| k > i && bond_between(&adjacency, i as u32, k as u32).is_none_or(&broken);
+    let sleeps = |i: usize| {
+        let bonds = adjacency.row(i);
+        !bonds.is_empty() && bonds.iter().all(|[_, b]| body.is_asleep(*b as usize))
+    };
+    let asleep: Vec<bool> = match body.has_sleep() {
+        true => (0..now.len()).map(sleeps).collect(),
+        false => vec![false; now.len()],
+    };
+    let may_touch = |i: usize, k: usize| {
+        k > i && !asleep[i] && !asleep[k] && bond_between(&adjacency, i as u32, k as u32).is_none_or(&broken)
+    };
     count_overlaps([&rest_spheres; 2], [&now; 2], tolerance, may_touch)
 }
 

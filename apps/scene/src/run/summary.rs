@@ -147,8 +147,9 @@ fn rezoned(run: &Coupled<f64>) -> Option<String> {
     let in_play = works.map(|line| line.work.abs()).sum::<f64>().max(run.energy());
     (work.abs() > LARGE_WORK * in_play).then(|| {
         format!(
-            "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres around a node of the body differ from \
-             its field by chance; take three spheres or more along each element, or let the zone begin where it will be needed",
+            "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres do not take over all of the body's \
+             field, least where something strikes it; let the zone begin where it will be needed, and take three spheres or more along \
+             each element",
             100.0 * work.abs() / in_play
         )
     })

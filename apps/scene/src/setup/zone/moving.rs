@@ -112,6 +112,12 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             "a zone that moves must be the only one; make one zone of all (shape.union), or remove follow",
         );
     }
+    if let Some(other) = scene.interface.keys().find(|i| **i != *name) {
+        let rule = format!(
+            "interface '{other}' would have to be tied anew with the zone, which is not built; remove it, or follow"
+        );
+        return refuse(&rule);
+    }
     if scene.statics.is_some() {
         return refuse("has no meaning with [static]; remove one of them");
     }

@@ -96,6 +96,38 @@ fn a_block_splits_a_plate_as_with_spheres_everywhere() {
     assert!((speeds[0] - speeds[1]).abs() < 0.03 * 40.0, "{speeds:?}");
 }
 
+/// Spheres that sleep stay behind in flight: they neither overlap those that are awake nor anything else.
+#[test]
+fn a_plate_in_flight_does_not_warn_of_spheres_that_sleep() {
+    let tables = "[[initial]]\nmodels = [\"body\"]\nvelocity.uniform = [200.0, 0.0, 0.0]\n\n[[effect]]\nfracture = { gc = 8.0 }\n\n\
+                  [time]\nend = 5e-6\n";
+    let results = run(&plate(false, tables));
+    let overlaps = |w: &&String| w.contains("unbonded particles overlap");
+    assert_eq!(results.summary().warnings.iter().find(overlaps), None);
+}
+
+/// A second interface would have to be tied anew with the zone.
+#[test]
+fn other_interfaces_are_refused_by_name() {
+    let model = |name: &str, role: &str, x: [f64; 2]| {
+        format!(
+            "[model.{name}]\nkind = \"fem\"\nrole = \"{role}\"\nshape.box = {{ low = [{:e}, 0.0, 0.0], high = [{:e}, 2e-3, 2e-3] }}\n\
+             spacing = 1e-3\nmaterial = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n\n",
+            x[0], x[1]
+        )
+    };
+    let tables = format!(
+        "{}{}[interface.bridge]\ncoarse = \"long\"\nfine = \"short\"\noverlap.slab = {{ fine = [52e-3, 0.0, 0.0], coarse = [54e-3, \
+         0.0, 0.0] }}\n\n[[effect]]\nfracture = {{ gc = 8.0 }}\n\n[time]\nend = 1e-6\n",
+        model("long", "coarse", [52e-3, 60e-3]),
+        model("short", "fine", [50e-3, 54e-3])
+    );
+    let read = Scene::from_text(plate_text(false, &tables));
+    let message = read.map(|_| ()).expect_err("refused").to_string();
+    let words = ["zone.crack.follow", "interface 'bridge'"];
+    assert!(words.iter().all(|w| message.contains(w)), "{message}");
+}
+
 /// A contact with the body alone would end where its spheres come.
 #[test]
 fn contacts_that_would_end_where_the_zone_comes_are_refused_by_name() {
