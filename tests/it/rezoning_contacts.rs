@@ -1,4 +1,5 @@
 //! Contacts that last through changes of the weights of a zone that moves along a bar in space.
+#![allow(clippy::print_stdout, reason = "a test shows what it measured")]
 
 use crate::rezoning_space::{Bar, Fine, NESTED, lattice, place, weights, weights_of};
 use crate::support::solid::material;

@@ -371,8 +371,8 @@ mod tests {
         }
     }
 
-    /// A contact that falls asleep ends, and the energy that it held is no loss of an elastic contact; one that
-    /// loses weight keeps as much force.
+    /// A contact that falls asleep ends, and the energy that it held is no loss of an elastic contact; one
+    /// that loses weight keeps as much force.
     #[test]
     fn a_change_of_weights_weakens_contacts_and_ends_those_that_sleep() {
         let mut closed = Closed::new(ContactLaw::elastic(1e9), 2);
