@@ -56,8 +56,8 @@ pub(crate) struct Followed {
 #[derive(Debug)]
 pub(crate) struct Follow {
     moving: Moving,
-    /// Mediator after a change, until it is shown.
-    pub(super) mediator: Option<Grid>,
+    /// Number of the interface and its mediator after a change, until it is shown.
+    pub(super) mediator: Option<(usize, Grid)>,
     pub(super) state: Followed,
     every: usize,
     log: SharedLog,

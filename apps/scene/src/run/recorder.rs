@@ -242,10 +242,10 @@ impl Recorder {
         }
     }
 
-    /// Shows another mediator of the first interface in frames, if there is one.
-    pub(super) fn show_mediator(&mut self, new: Option<Grid>) {
-        if let (Some(grid), Some(frames)) = (new, &mut self.frames) {
-            frames.set_mediator(0, grid);
+    /// Shows another mediator in frames, if there is one, with the number of its interface.
+    pub(super) fn show_mediator(&mut self, new: Option<(usize, Grid)>) {
+        if let (Some((number, grid)), Some(frames)) = (new, &mut self.frames) {
+            frames.set_mediator(number, grid);
         }
     }
 

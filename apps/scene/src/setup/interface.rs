@@ -410,7 +410,11 @@ pub(crate) fn stations(overlap: &dyn Overlap<f64>, mediator: &[Point3<f64>]) -> 
     s
 }
 
-pub(super) fn junction(path: &str, table: &LoweredInterface, spacing: f64) -> Result<Box<dyn Junction<f64>>> {
+pub(in crate::setup) fn junction(
+    path: &str,
+    table: &LoweredInterface,
+    spacing: f64,
+) -> Result<Box<dyn Junction<f64>>> {
     let key_path = format!("{path}.junction.length");
     // Measured in one and three dimensions: 0.1 to 0.4 mediator spacings are best; with a full spacing the
     // conditioning is twenty times worse.

@@ -9,7 +9,7 @@ use crate::error::{Error, Result, key, value};
 use crate::ranks::Ranks;
 use crate::setup::body::Body;
 use crate::setup::faces::Faces;
-use crate::setup::interface::BuiltInterface;
+use crate::setup::interface::{BuiltInterface, junction};
 use crate::setup::kind::Feature;
 use crate::setup::kinds::kind;
 use crate::setup::lower::following;
@@ -23,7 +23,9 @@ use crate::spec::{CriterionKind, EffectKind, FollowTable, Initial, ZoneTable};
 use arlequin::core::effect::Load;
 use arlequin::core::geometry::{BoxTree, bounds_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
-use arlequin::core::{Changed, JunctionKind, Response, Rezoning, Sampling, Weighting};
+use arlequin::core::{
+    Changed, InterfaceOptions, InterfaceSpec, JunctionKind, Mediator, Response, Rezoning, Sampling, Weighting,
+};
 use arlequin::fem_ref::{FemField, Mesh};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -58,6 +60,51 @@ pub struct Moving {
     loads: Arc<Vec<Load<f64>>>,
     /// Responses of the spheres to strains of the body.
     pub(crate) responses: Arc<Vec<Response>>,
+    /// Number of the zone's interface in the run, and all other interfaces in their order.
+    number: usize,
+    others: Arc<Vec<Standing>>,
+}
+
+/// An interface between models whose weights stay.
+struct Standing {
+    name: String,
+    models: [usize; 2],
+    mediator: Arc<dyn Mediator<f64>>,
+    options: InterfaceOptions<f64>,
+    table: LoweredInterface,
+}
+
+impl std::fmt::Debug for Standing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Standing")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Standing {
+    fn new(built: &BuiltInterface, scene: &LoweredScene) -> Self {
+        let spec = &built.spec;
+        Self {
+            name: spec.name.clone(),
+            models: [spec.coarse, spec.fine],
+            mediator: spec.mediator.clone(),
+            options: spec.options,
+            table: scene.interface[&spec.name].clone(),
+        }
+    }
+
+    fn spec(&self) -> Result<InterfaceSpec<f64>> {
+        let path = format!("interface.{}", self.name);
+        Ok(InterfaceSpec {
+            name: self.name.clone(),
+            coarse: self.models[0],
+            fine: self.models[1],
+            mediator: self.mediator.clone(),
+            junction: junction(&path, &self.table, self.mediator.spacing())?,
+            options: self.options,
+        })
+    }
 }
 
 /// Refuses a zone that moves on several ranks, before anything is built.
@@ -112,9 +159,11 @@ pub(in crate::setup) fn check(scene: &LoweredScene) -> Result<()> {
             "a zone that moves must be the only one; make one zone of all (shape.union), or remove follow",
         );
     }
-    if let Some(other) = scene.interface.keys().find(|i| **i != *name) {
+    let moves = |model: &String| model == BODY || model == name;
+    let mut others = scene.interface.iter().filter(|(other, _)| *other != name);
+    if let Some((other, _)) = others.find(|(_, i)| moves(&i.coarse) || moves(&i.fine)) {
         let rule = format!(
-            "interface '{other}' would have to be tied anew with the zone, which is not built; remove it, or follow"
+            "interface '{other}' ties one of its models to a third, whose weights do not move along; remove it, or follow"
         );
         return refuse(&rule);
     }
@@ -284,10 +333,13 @@ impl Moving {
             return Ok(None);
         };
         let table = &scene.interface[name];
-        let own = built.iter().find(|b| b.spec.name == name);
-        let (Some(own), OverlapSource::Zone(piece)) = (own, &table.overlap) else {
+        let number = built.iter().position(|b| b.spec.name == name);
+        let (Some(number), OverlapSource::Zone(piece)) = (number, &table.overlap) else {
             return Ok(None);
         };
+        let own = &built[number];
+        let others = built.iter().filter(|b| b.spec.name != name);
+        let others = others.map(|b| Standing::new(b, scene)).collect();
         let [coarse, fine] = own.partners.models;
         let (border, nodes) = piece.reservoir(folder)?;
         let spheres = bodies[fine].model.nodes().len();
@@ -314,6 +366,8 @@ impl Moving {
         Ok(Some(Self {
             loads: Arc::new(loads),
             responses: Arc::new(responses),
+            number,
+            others: Arc::new(others),
             name: name.to_owned(),
             limits: limits.clone(),
             table: table.clone(),
@@ -482,12 +536,12 @@ impl Moving {
         }))
     }
 
-    /// Returns the change of weights that brings a run from the zone `before` to this one, and the new
-    /// mediator for output.
+    /// Returns the change of weights that brings a run from the zone `before` to this one, and for output the
+    /// number of the zone's interface with its new mediator.
     ///
     /// # Errors
     /// See [`Self::moved`].
-    pub(crate) fn rezoning(&self, before: &Self) -> Result<(Rezoning<f64>, Grid)> {
+    pub(crate) fn rezoning(&self, before: &Self) -> Result<(Rezoning<f64>, (usize, Grid))> {
         let overlap = self.piece.overlap(&self.folder)?;
         let shape = BodyShape::Piece(self.piece.clone());
         let place = (&self.table, self.folder.as_path());
@@ -499,8 +553,10 @@ impl Moving {
             weights.push((m, model_weights(m, &joints)?));
         }
         let [built] = joints;
-        let mut change =
-            Rezoning::new(vec![built.spec]).with_responses(self.models()[1], self.responses.clone());
+        let specs = self.others.iter().map(Standing::spec);
+        let mut specs = specs.collect::<Result<Vec<_>>>()?;
+        specs.insert(self.number, built.spec);
+        let mut change = Rezoning::new(specs).with_responses(self.models()[1], self.responses.clone());
         if self.table.weight.is_local() {
             change = change.with_changes(self.changed_since(before)?);
         }
@@ -526,7 +582,7 @@ impl Moving {
             }
             change = add(change, last);
         }
-        Ok((change, built.grid))
+        Ok((change, (self.number, built.grid)))
     }
 
     /// Key of the zone in an error of this zone.

@@ -106,9 +106,8 @@ fn a_plate_in_flight_does_not_warn_of_spheres_that_sleep() {
     assert_eq!(results.summary().warnings.iter().find(overlaps), None);
 }
 
-/// A second interface would have to be tied anew with the zone.
-#[test]
-fn other_interfaces_are_refused_by_name() {
+/// A coupled pair beside the plate, which has nothing to do with it.
+fn pair() -> String {
     let model = |name: &str, role: &str, x: [f64; 2]| {
         format!(
             "[model.{name}]\nkind = \"fem\"\nrole = \"{role}\"\nshape.box = {{ low = [{:e}, 0.0, 0.0], high = [{:e}, 2e-3, 2e-3] }}\n\
@@ -116,12 +115,55 @@ fn other_interfaces_are_refused_by_name() {
             x[0], x[1]
         )
     };
-    let tables = format!(
+    format!(
         "{}{}[interface.bridge]\ncoarse = \"long\"\nfine = \"short\"\noverlap.slab = {{ fine = [52e-3, 0.0, 0.0], coarse = [54e-3, \
-         0.0, 0.0] }}\n\n[[effect]]\nfracture = {{ gc = 8.0 }}\n\n[time]\nend = 1e-6\n",
+         0.0, 0.0] }}\n\n[[initial]]\nmodels = [\"short\", \"long\"]\nvelocity.polynomial = {{ component = \"x\", along = \"x\", \
+         coefficients = [0.0, 100.0] }}\n\n",
         model("long", "coarse", [52e-3, 60e-3]),
         model("short", "fine", [50e-3, 54e-3])
+    )
+}
+
+/// Displacements of some models at the end.
+fn displacements(results: &Results, names: [&str; 2]) -> Vec<f64> {
+    let subdomains = results.run.subdomains().iter();
+    let named = subdomains.filter(|s| names.contains(&s.model().name()));
+    named.flat_map(|s| s.state().q.clone()).collect()
+}
+
+/// Another interface goes through all changes as if there were none.
+#[test]
+fn other_interfaces_are_left_alone() {
+    let end = "[time]\nend = 8e-6\nstep.seconds = 9e-9\n";
+    let both = plate(
+        false,
+        &format!("{}{}{end}", pair(), striker("fem", 40.0, &["body", "crack"])),
     );
+    let follows = run(&both);
+    let alone = run(&Scene::from_text(format!("{}{end}", pair())).expect("a scene"));
+    let changes = &follows.summary().conversions;
+    assert!(!changes.is_empty());
+    let [moved, still] = [&follows, &alone].map(|r| displacements(r, ["long", "short"]));
+    let top = still.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let apart = moved
+        .iter()
+        .zip(&still)
+        .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    println!("{} changes, apart by {apart:e} of {top:e} m", changes.len());
+    assert!(
+        moved.len() == still.len() && apart < 1e-10 * top,
+        "{apart:e} of {top:e}"
+    );
+    assert!(follows.summary().energy.h_drift_max < 1e-9);
+    let step = changes[0].step;
+    assert!(bits(&resumed(&both, step)) == bits(&follows), "resumed at {step}");
+}
+
+/// A third model at the body would need weights that move along.
+#[test]
+fn interfaces_of_the_body_with_a_third_model_are_refused_by_name() {
+    let tables = format!("{}[time]\nend = 1e-6\n", pair()).replace("coarse = \"long\"", "coarse = \"body\"");
+    let tables = format!("[[effect]]\nfracture = {{ gc = 8.0 }}\n\n{tables}");
     let read = Scene::from_text(plate_text(false, &tables));
     let message = read.map(|_| ()).expect_err("refused").to_string();
     let words = ["zone.crack.follow", "interface 'bridge'"];
