@@ -134,7 +134,7 @@ fn displacements(results: &Results, names: [&str; 2]) -> Vec<f64> {
 /// Another interface goes through all changes as if there were none.
 #[test]
 fn other_interfaces_are_left_alone() {
-    let end = "[time]\nend = 8e-6\nstep.seconds = 9e-9\n";
+    let end = "[time]\nend = 12e-6\nstep.seconds = 9e-9\n";
     let both = plate(
         false,
         &format!("{}{}{end}", pair(), striker("fem", 40.0, &["body", "crack"])),
