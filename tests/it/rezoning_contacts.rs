@@ -509,3 +509,36 @@ fn models_that_touch_get_the_same_own_steps_in_a_change() {
     assert_eq!(steps, [2, 2, 2]);
     run.run(50, &mut Silent).unwrap();
 }
+
+/// A model without effects, whose kernel makes its steps, goes on as it was when others change their weights.
+#[test]
+fn a_model_that_makes_its_steps_itself_is_left_alone() {
+    let blow = blow(KINDS[3], laws()[0]);
+    let run = |changes: &[usize]| {
+        let (mut bodies, _) = blow.parts(blow.bar.bodies(place(0), &mut still()));
+        let layout = bodies[2].model().layout();
+        let mut v = vec![0.0; layout.dofs()];
+        // Not a rigid motion.
+        v[..layout.translations()]
+            .iter_mut()
+            .step_by(5)
+            .for_each(|v| *v = 0.1);
+        let free = bodies.remove(2).with_initial(vec![0.0; v.len()], v).unwrap();
+        bodies.push(free);
+        let mut run = blow.bar.build_of(bodies, place(0), Vec::new());
+        run.run(20, &mut Silent).unwrap();
+        for n in changes {
+            blow.rezone(&mut run, place(*n));
+            run.run(20, &mut Silent).unwrap();
+        }
+        run.run(20 * (2 - changes.len()), &mut Silent).unwrap();
+        run.subdomains()[2].state().q.clone()
+    };
+    let (moved, still) = (run(&[1, 2]), run(&[]));
+    let top = still.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let apart = moved
+        .iter()
+        .zip(&still)
+        .fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    assert!(top > 1e-3 && apart < 1e-12 * top, "{apart:e} of {top:e}");
+}

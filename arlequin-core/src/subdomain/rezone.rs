@@ -87,8 +87,6 @@ impl<T: Real> Subdomain<T> {
         self.model.restore(&memory)?;
         self.lump()?;
         self.weigh_unknowns()?;
-        // A model that makes its steps itself has no force arrays, and the start evaluates forces.
-        self.forces.reclaim(self.inertia.len());
         self.forces.expect_anywhere();
         self.energies = Energies::unknown();
         // Put back also after an error, so that a run that ends names its effects.

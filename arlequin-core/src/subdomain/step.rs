@@ -339,6 +339,8 @@ impl<T: Real> Subdomain<T> {
 
     /// Computes forces and accelerations of the start, after [`Self::set_prescribed`].
     pub(crate) fn start(&mut self, time: T) -> Result<()> {
+        // A model that makes its steps itself has no force arrays, also if it keeps its weights in a change.
+        self.forces.reclaim(self.inertia.len());
         self.forces.known = true;
         let layout = self.model.layout();
         if self.sleeps {
