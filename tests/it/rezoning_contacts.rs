@@ -33,10 +33,17 @@ fn laws() -> [ContactLaw; 3] {
     [elastic, damped, rough]
 }
 
-/// Bits or numbers of the state of all models.
+/// Displacements and velocities of all models.
 fn state(run: &Coupled<f64>) -> Vec<f64> {
     let states = run.subdomains().iter().map(Subdomain::state);
     states.flat_map(|s| s.q.iter().chain(&s.v)).copied().collect()
+}
+
+/// Returns the change of weights that moves the zone of a bar, without effects.
+fn change(bar: &Bar, from: f64) -> Rezoning<f64> {
+    let [coarse, fine] = weights(from);
+    let change = Rezoning::new(bar.interfaces(from));
+    change.with_weights(0, coarse).with_weights(1, fine)
 }
 
 /// Largest speed of a node \[m/s\].
@@ -115,12 +122,7 @@ fn contacts_that_stay_know_the_new_weights() {
             )
         };
         let (mut moved, mut built) = (build(place(1)), build(place(2)));
-        let [coarse, fine] = weights(place(2));
-        let change = Rezoning::new(bar.interfaces(place(2)))
-            .with_weights(0, coarse)
-            .with_weights(1, fine)
-            .with_kept_effect(0)
-            .with_kept_effect(1);
+        let change = change(&bar, place(2)).with_kept_effect(0).with_kept_effect(1);
         let work = moved.rezone(change).unwrap().work;
         assert!(work == 0.0, "{work:e}");
         for run in [&mut moved, &mut built] {
@@ -146,12 +148,7 @@ fn a_roller_on_a_zone_that_goes_to_and_fro_throws_nothing() {
             let start = ROLLER * -0.2;
             for n in 1..=10 {
                 run.run(12, &mut Silent).unwrap();
-                let [coarse, fine] = weights(place(n));
-                let change = Rezoning::new(bar.interfaces(place(n)))
-                    .with_weights(0, coarse)
-                    .with_weights(1, fine)
-                    .with_kept_effect(0)
-                    .with_kept_effect(1);
+                let change = change(&bar, place(n)).with_kept_effect(0).with_kept_effect(1);
                 run.rezone(change).unwrap();
                 run.run(1, &mut Silent).unwrap();
                 speed = speed.max(top_speed(&run));
@@ -168,11 +165,11 @@ fn a_roller_on_a_zone_that_goes_to_and_fro_throws_nothing() {
     }
 }
 
-/// What strikes the bar from above.
+/// Kinds of bodies that strike the bar from above.
 #[derive(Debug, Clone, Copy)]
 enum Striker {
     Hexahedra,
-    /// Hexahedra over elements of which all spheres sleep.
+    /// A shorter block of hexahedra, over a part of the bar where the fine model sleeps.
     Short,
     Spheres,
 }
@@ -263,8 +260,9 @@ impl Blow {
             .chunks_mut(3)
             .for_each(|v| v.copy_from_slice(self.velocity.as_slice()));
         let side = side.with_initial(vec![0.0; v.len()], v).unwrap();
-        let of_fine = matches!(self.bar.fine, Fine::Spheres).then(|| ContactBody::from_model(&lattice()));
-        let fine_exterior = match &of_fine {
+        let fine_spheres =
+            matches!(self.bar.fine, Fine::Spheres).then(|| ContactBody::from_model(&lattice()));
+        let fine_exterior = match &fine_spheres {
             Some(spheres) => spheres.exterior(),
             None => Exterior::surface(fine.model()).unwrap(),
         };
@@ -276,21 +274,14 @@ impl Blow {
             },
             PairSpec {
                 sides: [2, 1],
-                effect: self.contact([&exterior, &fine_exterior], [spheres, of_fine]),
+                effect: self.contact([&exterior, &fine_exterior], [spheres, fine_spheres]),
             },
         ];
         (vec![bar, fine, side], pairs)
     }
 
-    /// The change of weights to a place of the zone.
-    fn change(&self, from: f64) -> Rezoning<f64> {
-        let [coarse, fine] = weights(from);
-        let change = Rezoning::new(self.bar.interfaces(from));
-        change.with_weights(0, coarse).with_weights(1, fine)
-    }
-
     fn rezone(&self, run: &mut Coupled<f64>, from: f64) -> Rezoned<f64> {
-        run.rezone(self.change(from)).unwrap()
+        run.rezone(change(&self.bar, from)).unwrap()
     }
 }
 
@@ -307,7 +298,7 @@ const KINDS: [(Fine, Striker); 4] = [
     (Fine::Spheres, Striker::Spheres),
 ];
 
-/// A striker that comes down, with a law of contact.
+/// Returns a bar with a zone, and a striker that comes down on it; both touch by `law`.
 fn blow((fine, striker): (Fine, Striker), law: ContactLaw) -> Blow {
     Blow {
         bar: Bar {
@@ -373,8 +364,8 @@ fn a_striker_on_a_zone_that_goes_to_and_fro_keeps_momenta_and_creates_no_energy(
     }
 }
 
-/// What gains weight under a striker begins without a force, and a distance that was allowed then is allowed
-/// later as well.
+/// Contacts of nodes that gain weight under a striker begin without a force, and an overlap that was allowed
+/// then is allowed later as well.
 #[test]
 fn contacts_between_models_begin_anew_with_what_gains_weight() {
     for kinds in [KINDS[0], KINDS[2], KINDS[3]] {
@@ -479,11 +470,11 @@ fn contacts_between_tied_models_are_refused_by_name() {
         effect: Box::new(contact),
     };
     let mut run = bar.build_of(vec![coarse, fine], place(0), vec![pair]);
-    let [coarse, fine] = weights(place(1));
-    let change = Rezoning::new(bar.interfaces(place(1)))
-        .with_weights(0, coarse)
-        .with_weights(1, fine);
-    let message = run.rezone(change).map(|_| ()).unwrap_err().to_string();
+    let message = run
+        .rezone(change(&bar, place(1)))
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
     assert!(message.contains("an interface ties"), "{message}");
 }
 

@@ -1,5 +1,5 @@
-//! What bonds carry under small rotations, eight bonds at a time: divisions and square roots bound the pass
-//! over all bonds, and eight of them take little longer than one.
+//! Forces and energies of bonds under small rotations, eight bonds at a time: divisions and square roots
+//! bound the pass over all bonds, and eight of them take little longer than one.
 //!
 //! No product is fused with a sum, so that all values have the bits of those of
 //! [`LinearBond`](crate::bond::LinearBond), one bond after the other.
@@ -171,7 +171,7 @@ impl Octet {
     }
 }
 
-/// What eight bonds carry.
+/// Forces and energies of eight bonds.
 struct Loads {
     moment: [Lane; 6],
     axial: Lane,

@@ -135,11 +135,11 @@ fn displacements(results: &Results, names: [&str; 2]) -> Vec<f64> {
 #[test]
 fn other_interfaces_are_left_alone() {
     let end = "[time]\nend = 12e-6\nstep.seconds = 9e-9\n";
-    let both = plate(
+    let scene = plate(
         false,
         &format!("{}{}{end}", pair(), striker("fem", 40.0, &["body", "crack"])),
     );
-    let follows = run(&both);
+    let follows = run(&scene);
     let alone = run(&Scene::from_text(format!("{}{end}", pair())).expect("a scene"));
     let changes = &follows.summary().conversions;
     assert!(!changes.is_empty());
@@ -156,7 +156,10 @@ fn other_interfaces_are_left_alone() {
     );
     assert!(follows.summary().energy.h_drift_max < 1e-9);
     let step = changes[0].step;
-    assert!(bits(&resumed(&both, step)) == bits(&follows), "resumed at {step}");
+    assert!(
+        bits(&resumed(&scene, step)) == bits(&follows),
+        "resumed at {step}"
+    );
 }
 
 /// A third model at the body would need weights that move along.
