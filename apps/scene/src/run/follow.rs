@@ -13,8 +13,9 @@
 //!
 //! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
 //! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
-//! join as well that are near to it (`AHEAD`, `SOON`). Elements near a support or a load, and beyond
-//! `follow.within`, stay with the body.
+//! join as well that are near to it (`AHEAD`, `SOON`, `JOIN`). Elements near a support or a load, and
+//! beyond `follow.within`, stay with the body. If nothing else of the body is left beyond an overlap, the
+//! zone takes this too, up to the whole body.
 
 mod look;
 mod places;
@@ -218,10 +219,16 @@ impl Follow {
         }
         warnings.extend(look.barred.iter().map(|bar| self.moving.warning(*bar)));
         if look.core != self.state.core {
-            match self.moving.moved(&look.core) {
+            match self.moving.moved(&look.core, &self.barred) {
                 Ok(moved) => {
                     self.change(moved, run, since)?;
                     warnings.extend(self.probes_asleep(run.time())?);
+                    if self.state.core.iter().all(|core| *core) {
+                        warnings.push(format!(
+                            "zone '{}' has the whole body since {time}: spheres everywhere, without a zone, are cheaper",
+                            self.moving.name
+                        ));
+                    }
                 }
                 Err(e) => {
                     warnings.push(format!(
@@ -241,7 +248,7 @@ impl Follow {
             return Err(key("body", "has another number of elements than the checkpoint"));
         }
         if !saved.conversions.is_empty() {
-            let moved = self.moving.moved(&saved.core)?;
+            let moved = self.moving.moved(&saved.core, &self.barred)?;
             let (change, mediator) = moved.rezoning(&self.moving)?;
             run.rezone(change).map_err(core("zone"))?;
             self.mediator = Some(mediator);

@@ -133,18 +133,18 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
         .flat_map(|e| [turned(&e), lost(&e)])
         .flatten();
     let texts = model_findings.map(text).chain(contacts).chain(warnings);
-    texts.chain(rezoned(run)).collect()
+    let rezoning: f64 = run.rezoning_works().into_iter().sum();
+    let works = run.works().into_iter().filter(|line| line.name != "rezoning");
+    let in_play = works.map(|line| line.work.abs()).sum::<f64>().max(run.energy());
+    texts.chain(large_work(rezoning, in_play)).collect()
 }
 
 /// Work of changes of weights, over the energy in play, above which a run says so.
 const LARGE_WORK: f64 = 0.05;
 
-/// Returns a warning if changes of weights have put in or taken out much of the energy in play: the moduli of
-/// all other works, or the present energy if that is more.
-fn rezoned(run: &Coupled<f64>) -> Option<String> {
-    let work: f64 = run.rezoning_works().into_iter().sum();
-    let works = run.works().into_iter().filter(|line| line.name != "rezoning");
-    let in_play = works.map(|line| line.work.abs()).sum::<f64>().max(run.energy());
+/// Returns a warning if the `work` of changes of weights has put in or taken out much of the energy in play:
+/// the moduli of all other works, or the present energy if that is more.
+fn large_work(work: f64, in_play: f64) -> Option<String> {
     (work.abs() > LARGE_WORK * in_play).then(|| {
         format!(
             "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres do not take over all of the body's \
@@ -304,4 +304,25 @@ fn probes(r: &Recorder) -> BTreeMap<String, ProbeLine> {
         (p.name.clone(), line)
     };
     r.readers.iter().zip(&r.probes.columns).map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_that_take_or_give_more_than_a_twentieth_of_the_energy_in_play_are_told() {
+        assert_eq!(
+            [0.049, -0.049, 0.0].map(|w| large_work(w, 1.0)),
+            [const { None }; 3]
+        );
+        for work in [0.051, -0.051] {
+            let text = large_work(work, 1.0).expect("a warning");
+            assert!(
+                text.starts_with("changes of weights did") && text.contains("5 %"),
+                "{text}"
+            );
+        }
+        assert_eq!(large_work(0.0, 0.0), None);
+    }
 }

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 const HOT: f64 = 0.8;
 /// Elements beyond the margin that join in a change that is due.
 pub(super) const AHEAD: usize = 3;
+/// Share of the zone's elements that join together at least: a change costs as much however few they are.
+const JOIN: f64 = 0.1;
 /// Share of the zone's elements that leave together at least.
 const LEAVE: f64 = 0.05;
 /// Share of `wake` above which elements join in a change that is due.
@@ -154,6 +156,26 @@ impl Follow {
             add(&mut look.core, soon);
             let free = self.barred.iter().map(Option::is_none);
             look.core.iter_mut().zip(free).for_each(|(c, free)| *c &= free);
+            self.join_together(&mut look.core);
+        }
+    }
+
+    /// Adds layers of elements around those that join, until enough of them join to pay for a change.
+    fn join_together(&self, core: &mut [bool]) {
+        let is_new = |(new, old): (&bool, &bool)| *new && !old;
+        let size = self.state.core.iter().filter(|c| **c).count();
+        loop {
+            let joins: Vec<bool> = core.iter().zip(&self.state.core).map(is_new).collect();
+            if joins.iter().filter(|j| **j).count() as f64 >= JOIN * size as f64 {
+                return;
+            }
+            let around = self.around(joins, 1);
+            let joins_too = |e: &usize| around[*e] && !core[*e] && self.barred[*e].is_none();
+            let more: Vec<usize> = (0..core.len()).filter(joins_too).collect();
+            if more.is_empty() {
+                return;
+            }
+            more.iter().for_each(|e| core[*e] = true);
         }
     }
 

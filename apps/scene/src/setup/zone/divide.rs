@@ -7,7 +7,7 @@
 //! therefore exactly zero and one on the borders, for borders of any form.
 
 use super::region::Place;
-use super::{Cut, Whole, Width, Zone};
+use super::{Bar, Cut, Whole, Width, Zone};
 use crate::error::{Result, fem, key, value};
 use crate::setup::faces::{Faces, corners_of};
 use arlequin::core::nalgebra::{Point3, Vector3};
@@ -61,7 +61,7 @@ impl Division {
         for zone in 0..cut.zones.len() {
             let deal = match Place::new(cut, zone, &mesh, folder)? {
                 Some(region) => Deal::new(&mesh, &region, cut, zone)?,
-                None => Deal::around(&mesh, &vec![false; mesh.element_count()], cut, zone)?,
+                None => Deal::around(&mesh, &vec![false; mesh.element_count()], (cut, zone), &[])?,
             };
             let across = deal.across()?;
             for (e, side) in deal.sides.iter().enumerate() {
@@ -93,9 +93,16 @@ impl Division {
 
 impl Division {
     /// Divides the body for a zone that has moved: it has the elements of `core`, and all elements closer to
-    /// them than the width of the overlap are shared.
-    pub(super) fn moved(&self, cut: &Cut, zone: usize, core: &[bool]) -> Result<Self> {
-        let deal = Deal::around(self.field.mesh(), core, cut, zone)?;
+    /// them than the width of the overlap are shared. Islands join the zone, without elements that are
+    /// `barred` and those beside them.
+    pub(super) fn moved(
+        &self,
+        cut: &Cut,
+        zone: usize,
+        core: &[bool],
+        barred: &[Option<Bar>],
+    ) -> Result<Self> {
+        let deal = Deal::around(self.field.mesh(), core, (cut, zone), barred)?;
         let owner = |side: &Side| match side {
             Side::Beyond => Owner::Body,
             Side::Core => Owner::Zone(zone),
@@ -203,7 +210,53 @@ impl<'a> Deal<'a> {
         Ok(deal)
     }
 
-    fn around(mesh: &'a Mesh<f64>, core: &[bool], cut: &'a Cut, zone: usize) -> Result<Self> {
+    /// Deal of a zone that has the elements of `core`, and islands.
+    fn around(
+        mesh: &'a Mesh<f64>,
+        core: &[bool],
+        (cut, zone): (&'a Cut, usize),
+        barred: &[Option<Bar>],
+    ) -> Result<Self> {
+        let mut deal = Self::within_width(mesh, core, cut, zone)?;
+        // From the start each time: a checkpoint gives the elements of the core that result from this, and
+        // their overlap must be the same.
+        while deal.join_islands(barred) {
+            let core: Vec<bool> = deal.sides.iter().map(|s| *s == Side::Core).collect();
+            deal = Self::within_width(mesh, &core, cut, zone)?;
+        }
+        Ok(deal)
+    }
+
+    /// Moves islands to the core: elements of the layer that no chain of neighbours in the layer ties to
+    /// elements beyond it, or to `barred` ones. Positions would come to one nowhere in them, and bonds in the
+    /// layer do not break. Returns whether there were any.
+    fn join_islands(&mut self, barred: &[Option<Bar>]) -> bool {
+        let mut tied = self.nodes_of(Side::Beyond);
+        for e in (0..barred.len()).filter(|e| barred[*e].is_some()) {
+            self.mesh.element(e).iter().for_each(|k| tied[*k as usize] = true);
+        }
+        let in_layer = |e: &usize| self.sides[*e] == Side::Layer;
+        let mut islands: Vec<usize> = (0..self.sides.len()).filter(in_layer).collect();
+        loop {
+            let before = islands.len();
+            islands.retain(|e| {
+                let corners = self.mesh.element(*e);
+                let is_tied = corners.iter().any(|k| tied[*k as usize]);
+                if is_tied {
+                    corners.iter().for_each(|k| tied[*k as usize] = true);
+                }
+                !is_tied
+            });
+            if islands.len() == before {
+                break;
+            }
+        }
+        islands.iter().for_each(|e| self.sides[*e] = Side::Core);
+        !islands.is_empty()
+    }
+
+    /// Deal of a zone that has the elements of `core`: those within its width of them are the layer.
+    fn within_width(mesh: &'a Mesh<f64>, core: &[bool], cut: &'a Cut, zone: usize) -> Result<Self> {
         let Zone { name, table, .. } = &cut.zones[zone];
         let width = table.overlap.width;
         let side = |own: &bool| if *own { Side::Core } else { Side::Layer };
@@ -297,18 +350,11 @@ impl<'a> Deal<'a> {
     /// Refuses a layer that is thinner than one element somewhere.
     fn check_layer(&self) -> Result<()> {
         let beyond = self.nodes_of(Side::Beyond);
-        if !beyond.contains(&true) {
-            return Err(match self.has_moved {
-                true => key(
-                    self.path("follow"),
-                    "it and its overlap would take the whole body; take a higher wake, a narrower overlap, a larger body, or spheres \
-                     everywhere",
-                ),
-                false => key(
-                    self.path("shape"),
-                    "the zone and its overlap take the whole body; make them smaller, or give the body that model alone",
-                ),
-            });
+        if !self.has_moved && !beyond.contains(&true) {
+            return Err(key(
+                self.path("shape"),
+                "the zone and its overlap take the whole body; make them smaller, or give the body that model alone",
+            ));
         }
         // A node of both sides would have to be at zero and at one.
         let core = self.nodes_of(Side::Core);
@@ -334,7 +380,7 @@ impl<'a> Deal<'a> {
     fn across(&self) -> Result<Across> {
         let mesh = self.mesh;
         let mut positions = vec![0.0; mesh.nodes().len()];
-        if self.sides.iter().all(|s| *s == Side::Beyond) {
+        if !self.sides.contains(&Side::Layer) {
             return Ok(Across {
                 positions: Arc::new(positions),
                 width: None,
@@ -493,16 +539,58 @@ mod tests {
                 // The far third stays with the body.
                 *own |= centroid(first.field.mesh(), e).x < 9e-3 && seed >> 62 == 0;
             }
-            let once = first.moved(&piece.cut, 0, &core).expect("a zone");
+            let once = first.moved(&piece.cut, 0, &core, &[]).expect("a zone");
             let own: Vec<bool> = once.owners.iter().map(|o| *o == Owner::Zone(0)).collect();
             filled += usize::from(own != core);
-            let twice = once.moved(&piece.cut, 0, &own).expect("the same zone");
+            let twice = once.moved(&piece.cut, 0, &own, &[]).expect("the same zone");
             assert_eq!(once.owners, twice.owners);
             let bits =
                 |d: &Division| -> Vec<u64> { d.zones[0].positions.iter().map(|x| x.to_bits()).collect() };
             assert_eq!(bits(&once), bits(&twice));
         }
         assert!(filled > 20, "elements joined in {filled} cases");
+    }
+
+    /// Elements that a ring of the zone parts from the body belong to it, unless one of them must stay.
+    #[test]
+    fn an_island_in_the_overlap_joins_the_zone_unless_it_is_barred() {
+        let text = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [20e-3, 9e-3, 1e-3] }\n\
+                    spacing = 1e-3\nmaterial = { young = 7e10, poisson = 0.2, density = 2e3 }\n\
+                    [zone.crack]\nkind = \"dem\"\noverlap.width = 3e-3\nspacing = 0.5e-3\nfollow = true\n\
+                    [[effect]]\nfracture = { gc = 8.0 }\n[time]\nend = 1e-6\n";
+        let scene = lowered(toml::from_str(text).expect("a scene")).expect("a zone");
+        let OverlapSource::Zone(piece) = &scene.interface["crack"].overlap else {
+            panic!("an overlap of a zone");
+        };
+        let first = piece.cut.division(Path::new(".")).expect("a division");
+        let mesh = first.field.mesh();
+        let centres: Vec<_> = (0..mesh.element_count()).map(|e| centroid(mesh, e)).collect();
+        // A ring of 5 × 5 elements around 3 × 3 others.
+        let from_middle = |x: &Point3<f64>| (x.x - 4.5e-3).abs().max((x.y - 4.5e-3).abs());
+        let core: Vec<bool> = centres
+            .iter()
+            .map(|x| (1.5e-3..2.5e-3).contains(&from_middle(x)))
+            .collect();
+        let zone_of = |barred: &[Option<Bar>]| {
+            let moved = first.moved(&piece.cut, 0, &core, barred).expect("a zone");
+            moved
+                .owners
+                .iter()
+                .map(|o| *o == Owner::Zone(0))
+                .collect::<Vec<_>>()
+        };
+        let whole: Vec<bool> = centres.iter().map(|x| from_middle(x) < 2.5e-3).collect();
+        assert_eq!(zone_of(&[]), whole);
+        let barred: Vec<Option<Bar>> = centres
+            .iter()
+            .map(|x| (from_middle(x) < 0.5e-3).then_some(Bar::Anchor(0)))
+            .collect();
+        assert_eq!(zone_of(&barred), core);
+        // All but the last column: nothing is left beyond the overlap.
+        let most: Vec<bool> = centres.iter().map(|x| x.x < 19e-3).collect();
+        let moved = first.moved(&piece.cut, 0, &most, &[]).expect("a zone");
+        assert!(moved.owners.iter().all(|o| *o == Owner::Zone(0)));
+        assert!(moved.zones[0].width.is_none());
     }
 
     #[test]

@@ -119,7 +119,7 @@ pub(in crate::setup) fn first_overlap(scene: &LoweredScene, folder: &Path) -> Re
         for e in free.first().into_iter().chain(free.last()) {
             let mut core = vec![false; barred.len()];
             core[*e] = true;
-            match piece.moved(&core, folder) {
+            match piece.moved(&core, &barred, folder) {
                 Ok(moved) => return Ok(moved.width().and_then(|w| narrow(name, &w))),
                 Err(e) => error = Some(e),
             }

@@ -191,15 +191,16 @@ impl Piece {
         Self { cut, purpose }
     }
 
-    /// Returns this piece of the body after the zone has moved to the elements of `core`.
-    fn moved(&self, core: &[bool], folder: &Path) -> Result<Self> {
+    /// Returns this piece of the body after the zone has moved to the elements of `core`; see
+    /// [`Division::moved`].
+    fn moved(&self, core: &[bool], barred: &[Option<Bar>], folder: &Path) -> Result<Self> {
         let division = self.cut.division(folder)?;
         let cut = Cut {
             body: self.cut.body.clone(),
             elements: self.cut.elements,
             zones: self.cut.zones.clone(),
             marks: Vec::new(),
-            division: OnceLock::from(division.moved(&self.cut, self.number(), core)?),
+            division: OnceLock::from(division.moved(&self.cut, self.number(), core, barred)?),
         };
         Ok(Self::new(Arc::new(cut), self.purpose))
     }

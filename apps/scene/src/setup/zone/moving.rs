@@ -484,12 +484,13 @@ impl Moving {
         Ok((0..mesh.element_count()).map(|e| centroid(mesh, e)).collect())
     }
 
-    /// Returns the zone after it has moved to the elements of `core`.
+    /// Returns the zone after it has moved to the elements of `core`, and to those that these and their
+    /// overlap would part from the body; `barred` elements stay with the body.
     ///
     /// # Errors
-    /// A zone that leaves no elements to the body, or no overlap between them.
-    pub(crate) fn moved(&self, core: &[bool]) -> Result<Self> {
-        let piece = self.piece.moved(core, &self.folder)?;
+    /// An overlap that is thinner than an element, or has no border to the body.
+    pub(crate) fn moved(&self, core: &[bool], barred: &[Option<Bar>]) -> Result<Self> {
+        let piece = self.piece.moved(core, barred, &self.folder)?;
         let table = LoweredInterface {
             overlap: OverlapSource::Zone(piece.clone()),
             ..self.table.clone()

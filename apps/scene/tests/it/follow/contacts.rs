@@ -96,6 +96,37 @@ fn a_block_splits_a_plate_as_with_spheres_everywhere() {
     assert!((speeds[0] - speeds[1]).abs() < 0.03 * 40.0, "{speeds:?}");
 }
 
+/// A fast block breaks the plate all over: the zone takes more of it in each change, by a tenth at least, and
+/// in the end the whole plate, whose elements sleep. Momentum is kept, as many bonds break as with spheres
+/// everywhere, and a run that is resumed at the whole plate has the same bits.
+#[test]
+fn a_plate_that_breaks_all_over_becomes_spheres() {
+    let tables = |models: &[&str]| format!("{}[time]\nend = 24e-6\n", striker("fem", 80.0, models));
+    let scene = plate(false, &tables(&["body", "crack"]));
+    let first = 2200.0 * 4e-3 * 13.4e-3 * 2e-3 * 80.0;
+    let mut watch = Momentum { first, worst: 0.0 };
+    let follows = scene.prepare().expect("built").run(&mut watch).expect("runs");
+    let counts = [&follows, &run(&plate(true, &tables(&["body"])))].map(|r| breaks(r).len());
+    let (changes, energy) = (&follows.summary().conversions, &follows.summary().energy);
+    println!(
+        "{} changes, {counts:?} breaks, momentum to {:e}, drift {:e}",
+        changes.len(),
+        watch.worst,
+        energy.h_drift_max
+    );
+    let (last, others) = changes.split_last().expect("changes");
+    assert_eq!(last.cells[1], 40 * 20 * 2);
+    for c in others {
+        assert!(10 * (c.cells[1] - c.cells[0]) >= c.cells[0], "{c:?}");
+    }
+    let said = |w: &&String| w.contains("has the whole body since");
+    assert_eq!(follows.summary().warnings.iter().filter(said).count(), 1);
+    assert!(counts[0].abs_diff(counts[1]) * 10 < counts[1], "{counts:?}");
+    assert!(watch.worst < 1e-11, "{:e}", watch.worst);
+    assert!(energy.h_drift_max < 1e-9, "{:e}", energy.h_drift_max);
+    assert!(bits(&resumed(&scene, last.step + 5)) == bits(&follows));
+}
+
 /// Spheres that sleep stay behind in flight: they neither overlap those that are awake nor anything else.
 #[test]
 fn a_plate_in_flight_does_not_warn_of_spheres_that_sleep() {

@@ -418,8 +418,8 @@ fn a_zone_lets_go_of_what_is_no_longer_loaded() {
     let last = *cells.last().expect("changes");
     println!("elements {cells:?}, breaks {}", breaks(&lets_go).len());
     assert!(last < most * 9 / 10, "{cells:?}");
-    // 21 changes; 96 if no elements joined ahead of need.
-    assert!(cells.len() < 40, "{cells:?}");
+    // 12 changes; 21 if no tenth joined together, 96 if no elements joined ahead of need.
+    assert!(cells.len() < 18, "{cells:?}");
     // The crack of 28 mm keeps three elements on both sides, two in the thickness.
     assert!(last > 28 * 6 * 2, "{cells:?}");
     assert!(
@@ -522,9 +522,9 @@ fn a_zone_that_begins_empty_comes_where_bonds_are_loaded() {
         .map(|b| b.time)
         .fold(f64::INFINITY, f64::min);
     assert!(first > 8e-6, "{first}");
-    // Two spheres along an element are few: the changes cost more than they should, and say so.
-    let costly = |w: &String| w.starts_with("changes of weights did");
-    assert!(summary.warnings.iter().any(costly), "{:?}", summary.warnings);
+    // Measured: 4 % of the work of the blow, with two spheres along an element.
+    let work: f64 = changes.iter().map(|c| c.work).sum();
+    assert!(work.abs() < 0.1e-3, "the changes took {work:e} J");
     // The same spheres everywhere, which have the load at their own face.
     let zone = text.find("# No shape").expect("the zone");
     let everywhere = text[zone..]

@@ -59,7 +59,7 @@ fn a_wedge_splits_a_plate_as_with_spheres_everywhere() {
     let ledgers = [&follows, &alone].map(|r| r.summary().energy.ledger.clone());
     let works = [ledgers[0]["crack/wedge"], ledgers[1]["body/wedge"]];
     println!("{changes} changes, {counts:?} breaks, works of the wedge {works:?} J");
-    assert!(changes > 2, "{changes}");
+    assert!(changes > 1, "{changes}");
     assert!(
         counts[0].abs_diff(counts[1]) * 10 < counts[1] && counts[1] > 100,
         "{counts:?}"
