@@ -1,6 +1,6 @@
 //! Direct solvers behind small object-safe traits: sparse Cholesky, sparse LU, dense symmetric eigenvalues.
 
-mod simplicial;
+mod panels;
 
 use crate::{Error, Real, Result, dissection};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -8,18 +8,14 @@ use faer::linalg::cholesky::llt_pivoting;
 use faer::linalg::solvers::{LltError, Solve};
 use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
-    self, LdltRef, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-    supernodal::SupernodalLdltRef,
+    self, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, supernodal::SupernodalLdltRef,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::traits::RealField;
-use faer::{Conj, MatMut, MatRef, Par, Side};
+use faer::{MatMut, MatRef, Par, Side};
 use nalgebra::Point3;
-use simplicial::Simplicial;
+use panels::{Diagonal, Factor};
 use sprs::{CsMat, TriMat};
-
-/// Right-hand sides solved in one pass over the factor: the components of a vector.
-const AT_ONCE: usize = 3;
 
 /// A factor of a symmetric positive definite matrix that solves in place without allocating.
 pub trait SpdFactor<T>: Send + std::fmt::Debug {
@@ -45,43 +41,6 @@ pub struct DenseEigen<T> {
     pub values: Vec<T>,
     /// Eigenvectors, column major: vector `k` is `vectors[k * n..(k + 1) * n]`.
     pub vectors: Vec<T>,
-}
-
-struct Cholesky<T> {
-    symbolic: SymbolicCholesky<usize>,
-    values: Vec<T>,
-    memory: MemBuffer,
-}
-
-impl<T> std::fmt::Debug for Cholesky<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Cholesky")
-            .field("size", &self.symbolic.nrows())
-            .field("nonzeros", &self.values.len())
-            .finish_non_exhaustive()
-    }
-}
-
-impl<T: Real + RealField> SpdFactor<T> for Cholesky<T> {
-    fn solve(&mut self, b: &mut [T]) {
-        let n = self.symbolic.nrows();
-        // Three columns at once: reading the factor takes most of the time, and is shared.
-        for b in b.chunks_mut((n * AT_ONCE).max(1)) {
-            let sides = b.len() / n;
-            let (b, stack) = (
-                MatMut::from_column_major_slice_mut(b, n, sides),
-                MemStack::new(&mut self.memory),
-            );
-            let factor = LltRef::new(&self.symbolic, &self.values);
-            factor.solve_in_place_with_conj(Conj::No, b, Par::Seq, stack);
-        }
-    }
-    fn size(&self) -> usize {
-        self.symbolic.nrows()
-    }
-    fn nonzeros(&self) -> usize {
-        self.values.len()
-    }
 }
 
 /// Converts a matrix to compressed columns unless it has this storage already.
@@ -145,49 +104,7 @@ pub(crate) fn cholesky<T: Real + RealField>(
     symbolic
         .factorize_numeric_llt(&mut values, a, side, Default::default(), par, stack, params)
         .map_err(|LltError::NonPositivePivot { index }| broken(index))?;
-    // Solves of faer take three right-hand sides one after the other where columns are stored one by one.
-    if let Some(factor) = Simplicial::new(&symbolic, &values) {
-        return Ok(Box::new(factor));
-    }
-    // Reserved once, so that solves during a step allocate nothing.
-    let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(AT_ONCE, par));
-    Ok(Box::new(Cholesky {
-        symbolic,
-        values,
-        memory,
-    }))
-}
-
-/// Factor `L D Lᵀ` of a quasi-definite matrix.
-struct Ldlt<T> {
-    symbolic: SymbolicCholesky<usize>,
-    values: Vec<T>,
-    memory: MemBuffer,
-}
-
-impl<T> std::fmt::Debug for Ldlt<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Ldlt")
-            .field("size", &self.symbolic.nrows())
-            .field("nonzeros", &self.values.len())
-            .finish_non_exhaustive()
-    }
-}
-
-impl<T: Real + RealField> SpdFactor<T> for Ldlt<T> {
-    fn solve(&mut self, b: &mut [T]) {
-        let n = self.symbolic.nrows();
-        let sides = b.len() / n.max(1);
-        let factor = LdltRef::new(&self.symbolic, &self.values);
-        let b = MatMut::from_column_major_slice_mut(b, n, sides);
-        factor.solve_in_place_with_conj(Conj::No, b, Par::Seq, MemStack::new(&mut self.memory));
-    }
-    fn size(&self) -> usize {
-        self.symbolic.nrows()
-    }
-    fn nonzeros(&self) -> usize {
-        self.values.len()
-    }
+    Ok(Box::new(Factor::new(&symbolic, values, Diagonal::Roots)))
 }
 
 pub(crate) fn quasi_definite<T: Real + RealField>(
@@ -212,12 +129,7 @@ pub(crate) fn quasi_definite<T: Real + RealField>(
     if count != positive || negative != pivots.len() - positive {
         return None;
     }
-    let memory = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(1, Par::Seq));
-    Some(Box::new(Ldlt {
-        symbolic,
-        values,
-        memory,
-    }))
+    Some(Box::new(Factor::new(&symbolic, values, Diagonal::Pivots)))
 }
 
 /// Values of a factor `L D Lᵀ`; `None` if a pivot vanishes.
