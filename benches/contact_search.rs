@@ -139,8 +139,8 @@ fn measure(spheres: usize) -> Result<[f64; 3]> {
     let spacing = n as f64 / (edge + 1) as f64;
     let radius = 0.5 * spacing;
     let centre = |k: usize| {
-        let at = |m: usize| (m + 1) as f64 * spacing;
-        Point3::new(at(k % edge), at(k / edge), 1.1 * radius)
+        let along_edge = |m: usize| (m + 1) as f64 * spacing;
+        Point3::new(along_edge(k % edge), along_edge(k / edge), 1.1 * radius)
     };
     let layer = Cloud {
         name: "layer",
@@ -192,8 +192,8 @@ fn main() -> Result<()> {
     if !std::env::args().any(|a| a == "--bench") {
         return Ok(());
     }
-    let given = std::env::args().find_map(|a| a.parse::<usize>().ok());
-    let largest = given.unwrap_or(1_000_000);
+    let wanted = std::env::args().find_map(|a| a.parse::<usize>().ok());
+    let largest = wanted.unwrap_or(1_000_000);
     let mut per_sphere = [0.0; 2];
     for (cost, size) in per_sphere.iter_mut().zip([largest / 10, largest]) {
         let [spheres, facets, seconds] = measure(size)?;

@@ -110,8 +110,8 @@ fn delaunay_random(bencher: Bencher, n: usize) {
 
 #[divan::bench(args = [20, 40], sample_count = 2, sample_size = 1)]
 fn delaunay_grid(bencher: Bencher, n: usize) {
-    let at = |i: usize| Point3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64);
-    let points: Vec<_> = (0..n * n * n).map(at).collect();
+    let grid_point = |i: usize| Point3::new((i % n) as f64, (i / n % n) as f64, (i / n / n) as f64);
+    let points: Vec<_> = (0..n * n * n).map(grid_point).collect();
     bencher.bench_local(|| Delaunay::new(&points));
 }
 

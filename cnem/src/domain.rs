@@ -171,8 +171,8 @@ impl Domain {
             face.is_some_and(|f| self.mesh.faces[*f as usize].crack)
         };
         let tets = self.delaunay.tets.iter().enumerate();
-        let own = tets.filter(move |(k, _)| belongs(*k));
-        own.flat_map(move |(k, t)| {
+        let inner = tets.filter(move |(k, _)| belongs(*k));
+        inner.flat_map(move |(k, t)| {
             let is_outer = move |slot: &usize| {
                 let behind = (t.n[*slot] >> 2) as usize;
                 !belongs(behind) && !is_crack((k << 2 | slot) as u32)

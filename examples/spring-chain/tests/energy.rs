@@ -51,8 +51,8 @@ impl Faulty {
             .map(|k| (0.3 * k as f64).sin() + 0.2 * (1.9 * k as f64).cos())
             .collect();
         let solver = ChainSolver::new(chain(mass), vec![0.0; v.len()], v.clone()).unwrap();
-        let by = if fault == Fault::Elsewhere { 0.5 } else { 0.0 };
-        let moved = |x: &Point3<f64>| Point3::new(x.x + by, x.y, x.z);
+        let shift = if fault == Fault::Elsewhere { 0.5 } else { 0.0 };
+        let moved = |x: &Point3<f64>| Point3::new(x.x + shift, x.y, x.z);
         Self {
             nodes: solver.nodes().iter().map(moved).collect(),
             solver,
