@@ -75,11 +75,14 @@ fn lattice_with(keep: &dyn Fn([&Vector3<f64>; 2]) -> bool) -> DemModel {
             }
         }
     }
+    // One beam for each square of the section: E_b π r_b² = E h² gives the lattice the stiffness of the bar,
+    // E = 1. One that is 1.4 times as stiff holds other energies for the same pulse, and gains up to 0.17.
+    let radius_ratio = 0.71_f64;
     let matter = Matter {
         beam: BeamMaterial {
-            young: 3.56,
+            young: 1.0 / (std::f64::consts::PI * (0.5 * radius_ratio).powi(2)),
             poisson: 0.3,
-            radius_ratio: 0.71,
+            radius_ratio,
         },
         density: 1.0,
         volume: LENGTH,
@@ -113,8 +116,7 @@ pub(crate) struct Bar {
     pub(crate) own: usize,
     /// Elements of the fine model along and across the bar.
     pub(crate) counts: [usize; 3],
-    /// Share of the critical step.
-    pub(crate) step: f64,
+    pub(crate) step: TimeStep<f64>,
 }
 
 /// Meshes of which no nodes coincide but on the surfaces.
@@ -128,7 +130,7 @@ impl Bar {
             fine,
             own,
             counts: APART,
-            step: 0.5,
+            step: TimeStep::Fraction(0.5),
         }
     }
 
@@ -200,7 +202,7 @@ impl Bar {
             interfaces: self.interfaces(from),
             pairs,
         };
-        Coupled::from_parts(parts, TimeStep::Fraction(self.step), Some(guard)).unwrap()
+        Coupled::from_parts(parts, self.step, Some(guard)).unwrap()
     }
 
     fn rezone(&self, run: &mut Coupled<f64>, from: f64) -> Result<Rezoned<f64>> {
@@ -325,12 +327,9 @@ fn random_states_and_pulses_gain_next_to_nothing_in_space() {
         for own in [1, 4] {
             // With own steps, the share of the start in `W` grows as the square of the coarse step.
             let bar = Bar {
-                step: if own == 1 { 0.5 } else { 0.3 },
+                step: TimeStep::Fraction(if own == 1 { 0.5 } else { 0.3 }),
                 ..Bar::new(fine, own)
             };
-            // A pulse that is as short as a ramp: particles and elements hold unlike energies for it.
-            // Elements gain nothing in most runs, particles up to 0.08.
-            let limit = if fine == Fine::Spheres { 0.12 } else { 2.5e-3 };
             let mut run = bar.build(place(0), &mut random(3));
             let [moduli, gains, top] = bar.carry(&mut run, 28, 6);
             println!(
@@ -342,25 +341,28 @@ fn random_states_and_pulses_gain_next_to_nothing_in_space() {
                 "{fine:?}: gains {gains:e}, top {top}"
             );
             assert!(run.drift() < 1e-10, "{:e}", run.drift());
-            let mut pulse = |x: &Point3<f64>| {
-                let zero = Vector3::zeros();
-                let y = (x.x - 3.0) / 1.5;
-                let c = if y.abs() < 1.0 {
-                    (0.5 * std::f64::consts::PI * y).cos().powi(4)
-                } else {
-                    0.0
+            // A pulse as short as a ramp, and one of twice its length.
+            for (width, centre, limit) in [(1.5, 3.0, 1e-3), (3.0, 3.5, 4e-3)] {
+                let mut pulse = |x: &Point3<f64>| {
+                    let zero = Vector3::zeros();
+                    let y = (x.x - centre) / width;
+                    let c = if y.abs() < 1.0 {
+                        (0.5 * std::f64::consts::PI * y).cos().powi(4)
+                    } else {
+                        0.0
+                    };
+                    [zero, Vector3::new(c, 0.0, 0.0), zero, zero]
                 };
-                [zero, Vector3::new(c, 0.0, 0.0), zero, zero]
-            };
-            let mut run = bar.build(place(0), &mut pulse);
-            let [moduli, gains, top] = bar.carry(&mut run, 28, 6);
-            println!(
-                "{fine:?}, m = {own}: pulse Σ|W| {moduli:.2e} gains {gains:.2e} top {top:.4} drift {:.1e}",
-                run.drift()
-            );
-            assert!(gains < limit && top < 1.0, "{fine:?}: gains {gains:e}, top {top}");
-            let drift = run.bodies()[0].drift;
-            assert!(drift[0] < 1e-12 && drift[1] < 1e-12, "{drift:?}");
+                let mut run = bar.build(place(0), &mut pulse);
+                let [moduli, gains, top] = bar.carry(&mut run, 28, 6);
+                println!(
+                    "{fine:?}, m = {own}: pulse of {width} Σ|W| {moduli:.2e} gains {gains:.2e} top {top:.4} drift {:.1e}",
+                    run.drift()
+                );
+                assert!(gains < limit && top < 1.0, "{fine:?}: gains {gains:e}, top {top}");
+                let drift = run.bodies()[0].drift;
+                assert!(drift[0] < 1e-12 && drift[1] < 1e-12, "{drift:?}");
+            }
         }
     }
 }
