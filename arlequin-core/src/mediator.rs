@@ -14,8 +14,9 @@ pub trait Mediator<T: Real>: Interpolation<T> {
     fn spacing(&self) -> T;
 }
 
-/// Mediator of an interface that ties nothing, since one of its models sleeps everywhere: a zone that begins
-/// empty, until [`Coupled::rezone`](crate::Coupled::rezone) gives it an overlap.
+/// Mediator of an interface that ties nothing, since no place belongs to both models: one of them sleeps
+/// everywhere, such as a zone that begins empty until [`Coupled::rezone`](crate::Coupled::rezone) gives it an
+/// overlap, or a body of several pieces has each piece in one model.
 #[derive(Debug, Clone, Copy)]
 pub struct NoMediator;
 

@@ -8,8 +8,8 @@ use arlequin::core::effect::{Absorber, BodyForce, Load, MassDamping};
 use arlequin::core::nalgebra::{Matrix3, Point3, Vector3};
 use arlequin::core::{
     Complement, Coupled, Error, H1Gradient, H1Strain, InterfaceOptions, InterfaceSpec, Junction, L2, Needs,
-    PrescribedMotion, Profile, Ramp, Sampling, ShapeFunction, ShapeRow, Silent, Slab, Subdomain,
-    TimeFunction, TimeStep, Weight, Weights, conformance,
+    NoMediator, Parts, PrescribedMotion, Profile, Ramp, Sampling, ShapeFunction, ShapeRow, Silent, Slab,
+    Subdomain, TimeFunction, TimeStep, Weight, Weights, conformance,
 };
 use arlequin::fem_ref::{ElementKind, FemModel, Mesh};
 use arlequin_studies::solid::{kept, momentum_scale};
@@ -80,6 +80,34 @@ fn overhanging_mediator_is_refused_with_the_measure_outside() {
     assert!((outside - 0.25).abs() < 1e-9 && (total - 1.25).abs() < 1e-9);
     let space = mediator(ElementKind::Hex8, [4.5, 5.0], [2, 2, 2]);
     let e = couple::<f64>(bodies(Profile::Cubic, 0.05).into(), space, Box::new(L2)).unwrap_err();
+    assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
+}
+
+/// Pieces that share no place with each other need no mediator; models that share one do.
+#[test]
+fn models_without_a_common_place_are_not_tied() {
+    let point = |x: f64| Point3::new(x, 0.0, 0.0);
+    let slab = Slab::between(point(1.5), point(2.5)).unwrap();
+    let first = Weights::from_weight(Arc::new(Ramp::new(Arc::new(slab), Profile::Cubic, 0.0).unwrap()));
+    let second = Weights::complement_of(std::slice::from_ref(&first));
+    let build = |pieces: [[f64; 2]; 2]| {
+        let [coarse, fine] = pieces.map(|x| solid::block(ElementKind::Hex8, x, [4, 1, 1]));
+        let model = |name: &str, mesh| FemModel::new(name, mesh, material()).unwrap();
+        let parts = Parts {
+            start: 0.0,
+            end: None,
+            subdomains: vec![
+                Subdomain::coarse(model("long", coarse), second.clone()).with_sleep(),
+                Subdomain::fine(model("short", fine), first.clone()).with_sleep(),
+            ],
+            interfaces: vec![InterfaceSpec::new("tie", 0, 1, Arc::new(NoMediator), L2)],
+            pairs: Vec::new(),
+        };
+        Coupled::from_parts(parts, TimeStep::Fraction(0.5), None)
+    };
+    let apart = build([[0.0, 1.0], [3.0, 4.0]]).unwrap();
+    assert_eq!(apart.interfaces()[0].report().multipliers, 0);
+    let e = build([[0.0, 4.0], [0.0, 4.0]]).unwrap_err();
     assert!(matches!(e, Error::EmptyOverlap { .. }), "{e}");
 }
 

@@ -50,14 +50,32 @@ pub(super) struct Built<T> {
     pub(super) warnings: Vec<String>,
 }
 
+/// Returns whether a model may share a place with another one: no node of it may sleep, or a node that is
+/// awake has a part of the weight.
+fn shares_with_another<T: Real>(side: &Side<'_, T>) -> bool {
+    let Some(masses) = side.sleeping else {
+        return true;
+    };
+    let first = |node: usize| masses[node * side.layout.components];
+    let mut awake = side
+        .field
+        .nodes()
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| first(*k) > T::zero());
+    awake.any(|(_, x)| {
+        let weight = side.weight.value(x);
+        weight > T::zero() && weight < T::one()
+    })
+}
+
 pub(super) fn assemble<T: Real>(
     spec: &InterfaceSpec<T>,
     sides: &[Side<'_, T>; 2],
     components: usize,
 ) -> Result<Built<T>> {
-    let sleeps = |s: &Side<'_, T>| s.sleeping.is_some_and(|m| m.iter().all(|m| *m <= T::zero()));
-    // Without a sleeping model, an overlap without mediator is a mistake, and has its error below.
-    if spec.mediator.nodes().is_empty() && sides.iter().any(sleeps) {
+    // An overlap without mediator is a mistake, and has its error below.
+    if spec.mediator.nodes().is_empty() && !sides.iter().all(shares_with_another) {
         return Ok(untied(spec, sides, components));
     }
     let cells = spec.mediator.cells();

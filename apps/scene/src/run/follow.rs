@@ -220,12 +220,15 @@ impl Follow {
         warnings.extend(look.barred.iter().map(|bar| self.moving.warning(*bar)));
         if look.core != self.state.core {
             match self.moving.moved(&look.core, &self.barred) {
+                // Elements that would leave are islands, and stay.
+                Ok(moved) if moved.shares()? == self.shares => {}
                 Ok(moved) => {
                     self.change(moved, run, since)?;
                     warnings.extend(self.probes_asleep(run.time())?);
                     if self.state.core.iter().all(|core| *core) {
+                        // Without a time, so that it is said once.
                         warnings.push(format!(
-                            "zone '{}' has the whole body since {time}: spheres everywhere, without a zone, are cheaper",
+                            "zone '{}' took the whole body (zones.csv has the time): spheres everywhere, without a zone, are cheaper",
                             self.moving.name
                         ));
                     }

@@ -148,8 +148,8 @@ fn large_work(work: f64, in_play: f64) -> Option<String> {
     (work.abs() > LARGE_WORK * in_play).then(|| {
         format!(
             "changes of weights did {work:.2e} J of work, {:.0} % of the energy in play: spheres do not take over all of the body's \
-             field, least where something strikes it; let the zone begin where it will be needed, and take three spheres or more along \
-             each element",
+             field, least where something strikes it; let the zone begin where it will be needed, take three spheres or more along each \
+             element, and a lower follow.release if elements leave and join again",
             100.0 * work.abs() / in_play
         )
     })

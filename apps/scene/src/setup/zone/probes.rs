@@ -100,6 +100,9 @@ impl Piece {
         };
         // A point on the border belongs to elements of both.
         let keep = |e: usize| !matches!(division.owners[e], Owner::Zone(_));
+        if !(0..division.owners.len()).any(keep) {
+            return Ok(Some(&self.cut.zones[z].name));
+        }
         let body = FemField::new(division.field.mesh().part(keep).map_err(fem("body"))?);
         Ok(body.element_at(x).is_none().then_some(&self.cut.zones[z].name))
     }
