@@ -317,8 +317,8 @@ fn contacts_between_models_that_stay_know_the_new_weights() {
     for kinds in [KINDS[0], KINDS[2], KINDS[3]] {
         for law in laws() {
             let mut blow = blow(kinds, law);
-            // So short that the striker is not there in the first step, in which what gained weight begins its
-            // contacts without a force.
+            // So short that the striker is not there in the first step: what gained weight begins its
+            // contacts in that step without a force.
             blow.bar.step = TimeStep::Fraction(0.4);
             let mut moved = blow.build(place(1));
             // A change keeps the step, and critical steps depend on the weights.
