@@ -13,12 +13,12 @@ const LANES: usize = 4;
 /// Widths of panels \[columns\].
 const WIDTHS: [usize; 4] = [8, 4, 2, 1];
 
-/// Diagonal of a factor as it was computed.
+/// Values that faer stores on the diagonal of a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Diagonal {
-    /// That of `C` in `C Cᵀ`.
+    /// The factor is `C Cᵀ`; its diagonal has the roots of the pivots.
     Roots,
-    /// `D` in `L D Lᵀ`.
+    /// The factor is `L D Lᵀ`; its diagonal has the pivots `D`.
     Pivots,
 }
 
@@ -27,7 +27,7 @@ struct Panel {
     /// First column.
     first: usize,
     width: usize,
-    /// First row below, and first value.
+    /// Places of its first row in `rows` and of its first value in `values` of the factor.
     rows: usize,
     values: usize,
 }
@@ -37,7 +37,7 @@ pub(super) struct Factor<T> {
     /// Row of `A` that is eliminated at each place.
     order: Vec<u32>,
     panels: Vec<Panel>,
-    /// Rows below each panel.
+    /// Numbers of the rows below each panel, panel after panel.
     rows: Vec<u32>,
     /// For each panel: the triangle below its diagonal, row by row, then the rows below it.
     values: Vec<T>,
@@ -314,7 +314,7 @@ mod tests {
     use nalgebra::Point3;
     use sprs::{CsMat, TriMat};
 
-    /// Ring with chords between nodes up to `far` places apart, and its diagonal.
+    /// Matrix of a ring of nodes, each of which has chords to the nodes 1, 4, …, `far²` places on.
     fn ring(size: usize, far: usize, diagonal: impl Fn(usize) -> f64) -> CsMat<f64> {
         let mut t = TriMat::new((size, size));
         for i in 0..size {

@@ -14,7 +14,8 @@ use rayon::prelude::*;
 const HOT: f64 = 0.8;
 /// Elements beyond the margin that join in a change that is due.
 pub(super) const AHEAD: usize = 3;
-/// Share of the zone's elements that join together at least: a change costs as much however few they are.
+/// Least number of elements that join in a change, as a share of those that the zone has: the cost of a
+/// change hardly depends on their number.
 const JOIN: f64 = 0.1;
 /// Share of the zone's elements that leave together at least.
 const LEAVE: f64 = 0.05;

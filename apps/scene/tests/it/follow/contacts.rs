@@ -129,7 +129,8 @@ fn a_plate_that_breaks_all_over_becomes_spheres() {
     assert!(bits(&resumed(&scene, last.step + 5)) == bits(&follows));
 }
 
-/// Elements near a support that nothing lies beyond stay with the body in a run that is resumed, too.
+/// Elements near a support stay with the body, although no other element of the body lies beyond them, and a
+/// resumed run keeps them as well.
 #[test]
 fn elements_that_a_support_keeps_are_kept_in_a_run_that_is_resumed() {
     let support = |low: &str, high: &str| {
