@@ -3,8 +3,9 @@
 //! `T` is the coarse field at a fine node; for rotations and spins half the curl of it. `Π` fits, at a coarse
 //! node `J`, a linear function to the fine nodes `i` with the weights `m_i N_J(x_i)`, and takes its value at
 //! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie
-//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. A coarse node that
-//! sleeps beside a gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
+//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. Across nodes that lie
+//! nearly in a plane, the slope is that of their mean rotation. A coarse node that sleeps beside a gaining
+//! fine node counts with `Π`, since what it had when it fell asleep says nothing.
 
 use super::Response;
 use crate::field::{Interpolation, ShapeRow, outside};
@@ -18,8 +19,9 @@ use std::sync::Arc;
 
 /// Gains of mass up to this number of units of round-off are none.
 const DIGITS: f64 = 16.0;
-/// Spread of fine nodes along an axis, relative to the largest, below which a slope along it is not fitted.
-const FLAT: f64 = 1e-6;
+/// Square of the spread of fine nodes along an axis, over their mean square distance from the coarse node,
+/// below which a slope along it is not fitted: it would be their noise over a small length.
+const FLAT: f64 = 0.02;
 
 /// Number of a subdomain, and the responses of its nodes.
 type Responses = (usize, Arc<Vec<Response>>);
@@ -33,6 +35,7 @@ pub(super) struct Giver<T: Real> {
     weight: Arc<dyn Weight<T>>,
     components: usize,
     translations: usize,
+    turns: bool,
 }
 
 /// Number of nodes with mass, from the inertia of all unknowns of a model.
@@ -51,6 +54,7 @@ impl<T: Real> Giver<T> {
             weight: s.weights().kinetic.clone(),
             components: layout.components,
             translations: layout.translations(),
+            turns: layout.turns(),
         }
     }
 
@@ -64,6 +68,15 @@ impl<T: Real> Giver<T> {
         let mut out = Vector3::zeros();
         (0..d).for_each(|c| out[c] = self.state[what][node * d + c]);
         out
+    }
+
+    /// Rotation (0) or spin (1) of a node; zero if nodes of the model do not turn.
+    fn turn(&self, what: usize, node: usize) -> Vector3<T> {
+        let first = self.translations + 3 * node;
+        match self.turns {
+            true => Vector3::from_column_slice(&self.state[what][first..first + 3]),
+            false => Vector3::zeros(),
+        }
     }
 
     /// Mass that a node has gained; zero if that is round-off.
@@ -237,6 +250,8 @@ struct Sums<T: Real> {
     first: [Vector3<T>; 2],
     value: [Vector3<T>; 2],
     slope: [Matrix3<T>; 2],
+    /// Rotation and spin.
+    turn: [Vector3<T>; 2],
 }
 
 impl<T: Real> Sums<T> {
@@ -248,10 +263,12 @@ impl<T: Real> Sums<T> {
             first: [Vector3::zeros(); 2],
             value: [Vector3::zeros(); 2],
             slope: [Matrix3::zeros(); 2],
+            turn: [Vector3::zeros(); 2],
         }
     }
 
-    fn add(&mut self, weight: T, arm: &Vector3<T>, x: [Vector3<T>; 2]) {
+    /// Adds a fine node of this weight with its displacement and velocity, its rotation and spin.
+    fn add(&mut self, weight: T, arm: &Vector3<T>, [x, turn]: [[Vector3<T>; 2]; 2]) {
         if self.weight <= T::zero() {
             self.first = x;
         }
@@ -262,6 +279,7 @@ impl<T: Real> Sums<T> {
             let x = (x - self.first[k]) * weight;
             self.value[k] += x;
             self.slope[k] += x * arm.transpose();
+            self.turn[k] += turn[k] * weight;
         }
     }
 
@@ -273,20 +291,23 @@ impl<T: Real> Sums<T> {
         let middle = self.arm / self.weight;
         let spread = self.square / self.weight - middle * middle.transpose();
         let eigen = spread.symmetric_eigen();
-        // Nodes on a line or in a plane leave the slopes across it undetermined; the fit takes them as zero.
-        let least = eigen.eigenvalues.amax() * T::of(FLAT);
-        // Where the slopes act: the middle, without parts along axes in which the nodes do not spread.
-        let mut lever = Vector3::zeros();
+        let least = self.square.trace() / self.weight * T::of(FLAT);
+        // Where the slopes act: the middle, without parts along axes in which the nodes do not spread. What is
+        // left of it turns with the nodes, or a body that spins would be strained.
+        let (mut lever, mut across) = (Vector3::zeros(), middle);
         for (value, axis) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value > least {
-                lever += axis * (axis.dot(&middle) / *value);
+                let along = axis.dot(&middle);
+                lever += axis * (along / *value);
+                across -= axis * along;
             }
         }
         Some([0, 1].map(|k| {
             let mean = self.value[k] / self.weight;
             let cross = self.slope[k] / self.weight - mean * middle.transpose();
             // The value at the coarse node, where the arm is zero; coefficients of the fit are not needed.
-            self.first[k] + mean - cross * lever
+            let turn = self.turn[k] / self.weight;
+            self.first[k] + mean - cross * lever - turn.cross(&across)
         }))
     }
 }
@@ -316,8 +337,11 @@ impl<T: Real> Means<T> {
                     // The linear continuation of a shape function may be negative, and a mean needs positive
                     // weights.
                     if wanted[j] && n > T::zero() {
-                        let x = [0, 1].map(|what| giver.vector(what, i));
-                        sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), x);
+                        let (x, turn) = (
+                            [0, 1].map(|k| giver.vector(k, i)),
+                            [0, 1].map(|k| giver.turn(k, i)),
+                        );
+                        sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), [x, turn]);
                     }
                 }
             }
@@ -447,4 +471,76 @@ fn from_coarse<T: Real>(
         });
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Value at the coarse node of the fit to nodes at `arms` that have the motion `x`, and turn by `turn`.
+    fn fit(
+        arms: &[Vector3<f64>],
+        x: impl Fn(&Vector3<f64>) -> Vector3<f64>,
+        turn: Vector3<f64>,
+    ) -> Vector3<f64> {
+        let mut sums = Sums::new();
+        for (k, arm) in arms.iter().enumerate() {
+            sums.add(1.0 + 0.3 * k as f64, arm, [[x(arm); 2], [turn; 2]]);
+        }
+        let [u, v] = sums.fit().expect("nodes");
+        assert_eq!(u, v);
+        u
+    }
+
+    /// One sphere, two, three, four of which a plane has nearly all, and eight.
+    fn clouds() -> Vec<Vec<Vector3<f64>>> {
+        let x = |a, b, c| Vector3::new(a, b, c);
+        let one = vec![x(-0.41, -0.39, 0.58)];
+        let two = vec![x(0.3, 0.2, 0.1), x(0.5, 0.7, 0.3)];
+        let three = vec![x(0.1, 0.2, 0.4), x(0.6, 0.1, 0.5), x(0.2, 0.7, 0.3)];
+        let mut flat = three.clone();
+        flat.push(x(0.5, 0.6, 0.41));
+        let grid = |k: usize| {
+            x(
+                0.2 + 0.5 * (k % 2) as f64,
+                0.3 + 0.4 * (k / 2 % 2) as f64,
+                0.1 + 0.6 * (k / 4) as f64,
+            )
+        };
+        vec![one, two, three, flat, (0..8).map(grid).collect()]
+    }
+
+    /// However few nodes are around a coarse node, and however they lie.
+    #[test]
+    fn a_rigid_motion_is_handed_over_as_it_is() {
+        let (flight, turn) = (Vector3::new(3.0, -1.0, 2.0), Vector3::new(0.2, -0.5, 0.7));
+        for arms in clouds() {
+            let error = fit(&arms, |arm| flight + turn.cross(arm), turn) - flight;
+            assert!(error.norm() < 1e-14, "{} nodes: {error}", arms.len());
+        }
+    }
+
+    /// Eight nodes give the value of a linear field. Noise of the nodes is not enlarged by much, as it would be
+    /// if slopes across four nodes nearly in a plane were fitted.
+    #[test]
+    fn linear_fields_are_fitted_and_noise_is_not_enlarged() {
+        let slope = Matrix3::new(0.1, 0.4, -0.2, 0.3, -0.6, 0.5, 0.7, 0.2, -0.3);
+        let value = Vector3::new(1.0, 2.0, 3.0);
+        let clouds = clouds();
+        let error = fit(&clouds[4], |arm| value + slope * arm, Vector3::zeros()) - value;
+        assert!(error.norm() < 1e-14, "{error}");
+        for arms in clouds {
+            for (k, disturbed) in arms.iter().enumerate() {
+                let noise = |arm: &Vector3<f64>| {
+                    if arm == disturbed {
+                        Vector3::x()
+                    } else {
+                        Vector3::zeros()
+                    }
+                };
+                let gain = fit(&arms, noise, Vector3::zeros()).norm();
+                assert!(gain < 2.5, "{} nodes, node {k}: {gain}", arms.len());
+            }
+        }
+    }
 }
