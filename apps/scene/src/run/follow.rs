@@ -219,9 +219,10 @@ impl Follow {
         }
         warnings.extend(look.barred.iter().map(|bar| self.moving.warning(*bar)));
         if look.core != self.state.core {
-            match self.moving.moved(&look.core, &self.barred) {
+            let moved = self.moving.moved(&look.core, &self.barred);
+            match moved.and_then(|moved| Ok((moved.shares()?, moved))) {
                 // Elements that would leave are islands, and stay.
-                Ok(moved) if moved.shares()? == self.shares => {}
+                Ok((shares, _)) if shares == self.shares => {}
                 Ok(moved) => {
                     self.change(moved, run, since)?;
                     warnings.extend(self.probes_asleep(run.time())?);
@@ -263,9 +264,13 @@ impl Follow {
         Ok(())
     }
 
-    /// Changes the weights of the run.
-    fn change(&mut self, moved: Moving, run: &mut Coupled<f64>, since: Instant) -> Result<()> {
-        let shares = moved.shares()?;
+    /// Changes the weights of the run to those of a moved zone, which shares the elements out so.
+    fn change(
+        &mut self,
+        (shares, moved): (Vec<Share>, Moving),
+        run: &mut Coupled<f64>,
+        since: Instant,
+    ) -> Result<()> {
         let cells = |shares: &[Share]| shares.iter().filter(|s| **s == Share::Zone).count();
         let before = cells(&self.shares);
         let (change, mediator) = moved.rezoning(&self.moving)?;

@@ -58,6 +58,12 @@ impl Follow {
         out
     }
 
+    /// Returns whether an end of a bond lies in an element that the zone has alone.
+    fn in_zone(&self, pairs: &[[u32; 2]], bond: u32) -> bool {
+        let share = |sphere: u32| self.shares[self.homes[0][sphere as usize] as usize];
+        pairs[bond as usize].iter().any(|i| share(*i) == Share::Zone)
+    }
+
     /// Utilisations of bonds of the zone, near to elements that these can bring along, in their own state;
     /// and of bonds that sleep in elements marked in `loud`, in the body's field. Each list has its bonds.
     fn utilisations(
@@ -69,17 +75,14 @@ impl Follow {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
         let of_spheres = &self.homes[0];
         let pairs = bonds.parts();
-        let in_zone = |b: u32| {
-            let ends = pairs[b as usize].map(|i| self.shares[of_spheres[i as usize] as usize]);
-            ends.contains(&Share::Zone)
-        };
+        let in_zone = |b: u32| self.in_zone(pairs, b);
         let releases = self.moving.limits.release.is_some();
         let (mut awake, mut asleep) = (Vec::new(), Vec::new());
         for (e, loud) in loud.iter().enumerate() {
             let in_element = || self.bonds_in.row(e).iter().copied();
             if releases || self.rim[e] {
                 let of_body = self.shares[e] == Share::Body;
-                awake.extend(in_element().filter(|b| !of_body || in_zone(*b)));
+                awake.extend(in_element().filter(|b| releases && !of_body || in_zone(*b)));
             }
             if *loud {
                 asleep.extend(in_element().filter(|b| !in_zone(*b)));
@@ -133,7 +136,7 @@ impl Follow {
         let mut busy = self.first.clone();
         for (b, u) in awake.0.into_iter().zip(awake.1) {
             let e = element(b);
-            hot[e] |= u >= HOT;
+            hot[e] |= u >= HOT && self.in_zone(bonds.parts(), b);
             busy[e] |= limits.release.is_some_and(|release| u >= release);
         }
         if limits.release.is_some() {
