@@ -34,6 +34,8 @@ const BATCH: usize = 1024;
 /// Largest distance from the border of the mediator at which particles may sleep, in edges of a cube of their
 /// volume; more than three times that of the first sample on a bond.
 const BORDER: f64 = 0.1;
+/// Largest value of a shape function at a node of another element that is none: round-off on a face.
+const ROUND_OFF: f64 = 1e-12;
 
 /// Input of the sums, shared by all tasks.
 pub(super) struct Sampler<'a, T: Real> {
@@ -195,19 +197,27 @@ impl<'a, T: Real> Sampler<'a, T> {
         w > floor && w < T::one() - floor
     }
 
-    /// Returns whether the particle of the present sample sleeps, which has the columns `cols`.
-    fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> bool {
-        let side = self.beyond.as_ref().map(|b| b.particles);
-        let Some((m, inertia)) = side.and_then(|m| Some((m, self.sides[m].sleeping?))) else {
-            return false;
+    /// Returns which model sleeps at the present sample, which has the columns `cols`: that of the particles,
+    /// and the other one.
+    fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> [bool; 2] {
+        let Some(beyond) = &self.beyond else {
+            return [false; 2];
         };
-        // Neighbours of a particle have gradients alone.
-        let own = cols[m]
-            .nodes
-            .iter()
-            .zip(&cols[m].values)
-            .find(|n| *n.1 != T::zero());
-        own.is_some_and(|(node, _)| inertia[node * self.sides[m].layout.components] <= T::zero())
+        let sleeping_nodes = |m: usize, least: T| {
+            let components = self.sides[m].layout.components;
+            let inertia = self.sides[m].sleeping;
+            let read = cols[m]
+                .nodes
+                .iter()
+                .zip(&cols[m].values)
+                .filter(move |n| n.1.abs() > least);
+            read.map(move |(node, _)| inertia.is_some_and(|i| i[node * components] <= T::zero()))
+        };
+        let [m, other] = [beyond.particles, 1 - beyond.particles];
+        // Neighbours of a particle have gradients alone; on a face, nodes beyond it have round-off.
+        let own = sleeping_nodes(m, T::zero()).next();
+        let others = sleeping_nodes(other, T::of(ROUND_OFF)).any(|sleeps| sleeps);
+        [own.unwrap_or(false), others]
     }
 
     /// Returns whether a particle in the mediator lies at its border.
@@ -283,7 +293,13 @@ impl<'a, T: Real> Sampler<'a, T> {
                 worker.tally.lost += s.measure;
                 continue;
             }
-            if self.sleeps(&worker.cols) && (is_beyond || self.is_at_border(s, &mut worker.reach[0])?) {
+            let [particle_sleeps, other_sleeps] = self.sleeps(&worker.cols);
+            if particle_sleeps && (is_beyond || self.is_at_border(s, &mut worker.reach[0])?) {
+                continue;
+            }
+            // Of two warped elements, the mediator may find one of the overlap, and the other model the one
+            // beside it.
+            if other_sleeps && !shared {
                 continue;
             }
             if is_beyond {

@@ -1,7 +1,7 @@
 //! Limits of zones that follow: what they warn of, and what is refused.
 
-use super::{COARSE, run, scene};
-use arlequin_scene::{Scene, Silent};
+use super::{COARSE, breaks, run, scene};
+use arlequin_scene::{Results, Scene, Silent};
 use std::path::Path;
 
 /// Clamps that hold the plate beyond the region load it there, where there are no spheres to break.
@@ -56,6 +56,42 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
         message.contains("woke too late") && message.contains("zone.crack.follow.strict"),
         "{message}"
     );
+}
+
+/// In a ball of warped hexahedra, mediator and body can find a sphere at the border in different elements: the
+/// sphere is not tied to elements that sleep.
+#[test]
+#[ignore = "ten seconds"]
+fn a_zone_in_a_ball_of_hexahedra_is_not_tied_to_elements_that_sleep() {
+    let text = "[body]\nkind = \"fem\"\nshape.ball = { centre = [0.0, 0.0, 0.0], radius = 6e-3 }\nspacing = 1.5e-3\n\
+                material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }\n\n[zone.crack]\nkind = \"dem\"\n\
+                shape.box = { low = [-7e-3, -3e-3, -3e-3], high = [-3.5e-3, 3e-3, 3e-3] }\noverlap.width = 4.5e-3\n\
+                spacing = 0.8e-3\nfollow = true\n\n[[effect]]\nfracture = { gc = 8.0 }\n\n[time]\nend = 1e-7\n";
+    let results = run(&Scene::from_text(text).expect("a scene"));
+    assert!(results.run.interfaces()[0].report().multipliers > 0);
+}
+
+/// Where elements come back, single spheres give their states to corners of the body. A plate that spins is as
+/// strained as one that does not.
+#[test]
+fn elements_that_come_back_into_a_plate_that_spins_are_not_strained() {
+    let plate = |spin: &str| {
+        format!(
+            "[body]\nkind = \"fem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [20e-3, 10e-3, 2e-3] }}\nspacing = 1e-3\n\
+             material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n\n[zone.crack]\nkind = \"dem\"\n\
+             overlap.width = 2e-3\nspacing = 0.7e-3\nfollow = {{ wake = 0.3, release = 0.1 }}\n\n[[effect]]\n\
+             fracture = {{ gc = 8.0 }}\n\n[[initial]]\nmodels = [\"body\"]\n\
+             velocity.polynomial = {{ component = \"x\", along = \"x\", coefficients = [-1.0, 100.0] }}\n\n{spin}\
+             [time]\nend = 15e-6\n"
+        )
+    };
+    let spin = "[[initial]]\nmodels = [\"body\"]\nspin = { rate = [0.0, 0.0, 4000.0], centre = [10e-3, 5e-3, 1e-3] }\n\n";
+    let [at_rest, spinning] = ["", spin].map(|spin| run(&Scene::from_text(&plate(spin)).expect("a scene")));
+    let cells = |r: &Results| -> Vec<_> { r.summary().conversions.iter().map(|c| c.cells).collect() };
+    let spheres_give = cells(&at_rest).iter().filter(|c| c[1] < c[0]).count();
+    assert!(spheres_give > 1, "{:?}", cells(&at_rest));
+    assert_eq!(cells(&at_rest), cells(&spinning));
+    assert!(breaks(&spinning).is_empty());
 }
 
 /// A probe of the body reads the spheres where the zone begins; elsewhere the run names each probe whose
