@@ -17,7 +17,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Tolerance for nodes on a border, in element lengths; they count as outside.
-const ON_BORDER: f64 = 1e-6;
+pub(super) const ON_BORDER: f64 = 1e-6;
 
 /// Rule that a region breaks in which the body has no element.
 const EMPTY: &str =

@@ -6,14 +6,17 @@
 //! it need not be shared anew in each change. A zone that moves therefore stays off both: at least one
 //! element of the body remains between its overlap and any node that is held or loaded.
 
-use super::divide::centroid;
+use super::divide::{ON_BORDER, centroid};
 use super::{Piece, Width};
 use crate::error::{Result, key};
 use crate::setup::lower::following;
 use crate::setup::names::BODY;
 use crate::setup::{LoweredScene, OverlapSource, select};
 use crate::spec::Selection;
+use arlequin::core::geometry::{BoxTree, bounds_of};
+use arlequin::core::nalgebra::Vector3;
 use arlequin::fem_ref::Mesh;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// A support or a load of the body.
@@ -205,38 +208,101 @@ impl Piece {
             }
         }
         let width = self.cut.zones[self.number()].table.overlap.width;
-        // A width of whole elements up to round-off needs no further element.
-        let layers = (width / mesh.spacing() - 1e-6).ceil().max(0.0) as usize;
+        let has_mark = |e: usize| mesh.element(e).iter().find_map(|k| of_nodes[*k as usize]);
+        let marked: Vec<_> = (0..mesh.element_count()).map(has_mark).collect();
         // One element stays between the overlap and what is held or loaded.
-        let mut out = spread(mesh, of_nodes, layers + 1);
-        let reservoir = &self.cut.division(folder)?.reservoir;
-        let mut of_nodes = vec![None; mesh.nodes().len()];
-        for e in (0..reservoir.len()).filter(|e| !reservoir[*e]) {
-            // There are no spheres, however near a support or a load is.
-            out[e] = Some(Bar::Border);
-            mesh.element(e)
-                .iter()
-                .for_each(|k| of_nodes[*k as usize] = Some(Bar::Border));
+        let mut out = bar_around(mesh, &marked, width);
+        // There are no spheres outside of `follow.within`, however near a support or a load is.
+        let reservoir = self.cut.division(folder)?.reservoir.iter();
+        let outside: Vec<_> = reservoir
+            .map(|has_spheres| (!has_spheres).then_some(Bar::Border))
+            .collect();
+        let near_border = bar_around(mesh, &outside, width);
+        for ((bar, outside), near) in out.iter_mut().zip(outside).zip(near_border) {
+            *bar = outside.or(*bar).or(near);
         }
-        let near_border = spread(mesh, of_nodes, layers);
-        out.iter_mut().zip(near_border).for_each(|(a, b)| *a = a.or(b));
         Ok(out)
     }
 }
 
-/// Hands marks of nodes on to the elements around them, over a number of layers of elements.
-fn spread(mesh: &Mesh<f64>, mut of_nodes: Vec<Option<Bar>>, layers: usize) -> Vec<Option<Bar>> {
-    let mut out = vec![None; mesh.element_count()];
-    for _ in 0..layers {
-        for (e, mark) in out.iter_mut().enumerate().filter(|(_, b)| b.is_none()) {
-            *mark = mesh.element(e).iter().find_map(|k| of_nodes[*k as usize]);
-        }
-        for (e, mark) in out.iter().enumerate().filter(|(_, b)| b.is_some()) {
-            for k in mesh.element(e) {
-                let node = &mut of_nodes[*k as usize];
-                *node = node.or(*mark);
-            }
-        }
+/// Bars the elements around which an overlap of this width \[m\] would take a marked element. The nearest mark
+/// counts.
+fn bar_around(mesh: &Mesh<f64>, marked: &[Option<Bar>], width: f64) -> Vec<Option<Bar>> {
+    // An overlap takes an element if a corner of it or its middle is closer than the width.
+    let mut points = Vec::new();
+    for (e, mark) in marked.iter().enumerate() {
+        let Some(mark) = *mark else { continue };
+        let corners = mesh.element(e).iter().map(|k| mesh.nodes()[*k as usize]);
+        points.extend(corners.chain([centroid(mesh, e)]).map(|x| (x, mark)));
     }
-    out
+    let tree = BoxTree::new(points.iter().map(|(x, _)| [*x, *x]).collect());
+    let reach = Vector3::repeat(width);
+    let bar = |e: usize| {
+        let [low, high] = bounds_of(mesh.element(e).iter().map(|k| &mesh.nodes()[*k as usize]));
+        let (mut nearest, mut out) = (width - ON_BORDER * mesh.spacing(), None);
+        tree.any(&[low - reach, high + reach], &mut |k| {
+            let (x, mark) = points[k];
+            let gap = (low - x).sup(&(x - high)).sup(&Vector3::zeros()).norm();
+            if gap < nearest {
+                (nearest, out) = (gap, Some(mark));
+            }
+            false
+        });
+        out
+    };
+    (0..mesh.element_count()).into_par_iter().map(bar).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::lower::lowered;
+    use crate::setup::zone::divide::Owner;
+    use arlequin::core::nalgebra::Point3;
+
+    /// An element is barred if and only if the overlap around it would take an element that is held. Elements of
+    /// 1 × 1 × 1.4 mm, so that a width is another number of them in each direction.
+    #[test]
+    fn elements_are_barred_if_their_overlap_would_take_what_is_held() {
+        let text = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [12e-3, 9e-3, 1.4e-3] }\n\
+                    spacing = 1e-3\nmaterial = { young = 7e10, poisson = 0.2, density = 2e3 }\n\
+                    [[support]]\nmodel = \"body\"\nwhere = \"x-max\"\n\
+                    [[load]]\nmodel = \"body\"\nwhere.box = { low = [0.0, 9e-3, 0.0], high = [2e-3, 9e-3, 1.4e-3] }\n\
+                    traction = [0.0, 1e3, 0.0]\ntime = \"step\"\n\
+                    [zone.crack]\nkind = \"dem\"\noverlap.width = 3.3e-3\nspacing = 0.5e-3\nfollow = true\n\
+                    [[effect]]\nfracture = { gc = 8.0 }\n[time]\nend = 1e-6\n";
+        let scene = lowered(toml::from_str(text).expect("a scene")).expect("a zone");
+        let OverlapSource::Zone(piece) = &scene.interface["crack"].overlap else {
+            panic!("an overlap of a zone");
+        };
+        let folder = Path::new(".");
+        let barred = piece.barred(&scene, folder).expect("a mesh");
+        let (first, mesh) = (
+            piece.cut.division(folder).expect("a division"),
+            piece.whole(folder).expect("a mesh"),
+        );
+        let is_held = |e: &usize| {
+            let corners = mesh.element(*e).iter().map(|k| mesh.nodes()[*k as usize]);
+            let near = |x: Point3<f64>| x.x > 11.9e-3 || x.x < 2.1e-3 && x.y > 8.9e-3;
+            corners.into_iter().any(near)
+        };
+        let held: Vec<usize> = (0..barred.len()).filter(is_held).collect();
+        for (e, bar) in barred.iter().enumerate() {
+            let mut core = vec![false; barred.len()];
+            core[e] = true;
+            let takes = match first.moved(&piece.cut, 0, &core, &[]) {
+                Ok(moved) => held.iter().any(|k| moved.owners[*k] != Owner::Body),
+                Err(e) => panic!("{e}"),
+            };
+            assert_eq!(takes, bar.is_some(), "element {e} at {}", centroid(mesh, e));
+        }
+        let count = |bar| barred.iter().filter(|b| **b == Some(bar)).count();
+        println!(
+            "{} and {} of {}",
+            count(Bar::Anchor(0)),
+            count(Bar::Anchor(1)),
+            barred.len()
+        );
+        assert!(count(Bar::Anchor(0)) > 30 && count(Bar::Anchor(1)) > 10);
+    }
 }
