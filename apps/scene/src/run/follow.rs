@@ -1,15 +1,19 @@
 //! Decides where a zone goes that follows (`zone.NAME.follow`), and moves it.
 //!
 //! At every look, each bond has a utilisation: its load over its strength, as a number that grows in
-//! proportion to the displacements. Bonds with an end in the zone alone have that of their own state, the
-//! others that of the body's field at their ends, with half its curl as rotations. Then
+//! proportion to the displacements. Bonds of the zone and its overlap have that of their own state. Bonds
+//! without an end in the zone alone have that of the body's field at their ends, with half its curl as
+//! rotations; those of the overlap have both. Then
 //!
 //! ```text
 //! an element joins the zone if a bond in it outside of the zone has        u ≥ wake
 //! all elements join within `margin` elements of a bond that broke or has   u ≥ 0.8
 //! an element woke too late if a bond in it slept at                        u ≥ 1
-//! an element leaves if all bonds in it and around it have                  u < release
+//! an element leaves if all bonds in it and around it have had              u < release
 //! ```
+//!
+//! for as long as a wave needs to cross half of the zone: in a body that vibrates, all bonds are without load
+//! twice in every period.
 //!
 //! Bonds outside of the zone have the body's field with the responses of the packing to its strains: the
 //! field alone would load them all alike. A change costs as much as several steps. When one is due, elements
@@ -51,6 +55,9 @@ pub(crate) struct Followed {
     asleep: Vec<String>,
     /// Last looks at the elements.
     last: Vec<Seen>,
+    /// For each element: step of the last look at which it was not in the zone, or a bond near it had more than
+    /// `release`.
+    loaded: Vec<usize>,
 }
 
 /// A zone that follows.
@@ -61,6 +68,8 @@ pub(crate) struct Follow {
     pub(super) mediator: Option<(usize, Grid)>,
     pub(super) state: Followed,
     every: usize,
+    /// Steps in which a wave runs a metre \[1/m\].
+    slowness: f64,
     log: SharedLog,
     shares: Vec<Share>,
     /// Element of each sphere, and that of the middle of each bond.
@@ -109,7 +118,8 @@ impl Follow {
         let places = places.collect::<Result<_>>()?;
         let shares = moving.shares()?;
         let speed = body_info.material.as_ref().map_or(0.0, |m| m.p_wave_speed());
-        let crossing = body_info.spacing / (speed * built.run.dt());
+        let slowness = 1.0 / (speed * built.run.dt());
+        let crossing = body_info.spacing * slowness;
         let every = moving.limits.every.unwrap_or(1.max(crossing.floor() as usize));
         if moving.limits.every.is_some_and(|n| n > built.steps) {
             let rule = format!(
@@ -133,6 +143,7 @@ impl Follow {
                 outside: false,
                 asleep: Vec::new(),
                 last: quiet.unseen(),
+                loaded: vec![0; centres.len()],
             },
             quiet,
             neighbours: neighbours(&moving)?,
@@ -145,6 +156,7 @@ impl Follow {
             moving,
             mediator: None,
             every,
+            slowness,
             log,
             shares,
             first,

@@ -26,9 +26,9 @@ pub struct FollowTable {
     /// Steps of the run between two looks. Default: the time in which a wave crosses an element of the body.
     #[schemars(range(min = 1))]
     pub every: Option<usize>,
-    /// Load of a bond over its strength \[–\] below which an element goes back to the body, if no bond in
-    /// it or within `margin` elements has broken. Elements of `shape` stay. Without it, the zone only
-    /// grows.
+    /// Load of a bond over its strength \[–\] below which an element goes back to the body, if this lasts as
+    /// long as a wave needs to cross half of the zone, and no bond in it or within `margin` elements has
+    /// broken. Elements of `shape` stay. Without it, the zone only grows.
     #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0))]
     pub release: Option<f64>,
     /// Ends the run if an element woke too late: a bond would have broken before; and if the body is loaded

@@ -5,6 +5,7 @@ use super::places::middle;
 use crate::error::{Result, core};
 use crate::run::quiet::Strain;
 use crate::setup::{Bar, Share};
+use arlequin::core::geometry::bounds_of;
 use arlequin::core::nalgebra::{Matrix3, Vector3};
 use arlequin::core::{Breakable, Coupled, Interpolation, ShapeRow, Subdomain};
 use arlequin::dem_beam::fracture::locked;
@@ -58,12 +59,6 @@ impl Follow {
         out
     }
 
-    /// Returns whether an end of a bond lies in an element that the zone has alone.
-    fn in_zone(&self, pairs: &[[u32; 2]], bond: u32) -> bool {
-        let share = |sphere: u32| self.shares[self.homes[0][sphere as usize] as usize];
-        pairs[bond as usize].iter().any(|i| share(*i) == Share::Zone)
-    }
-
     /// Utilisations of bonds of the zone, near to elements that these can bring along, in their own state;
     /// and of bonds that sleep in elements marked in `loud`, in the body's field. Each list has its bonds.
     fn utilisations(
@@ -75,14 +70,17 @@ impl Follow {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
         let of_spheres = &self.homes[0];
         let pairs = bonds.parts();
-        let in_zone = |b: u32| self.in_zone(pairs, b);
+        let in_zone = |b: u32| {
+            let ends = pairs[b as usize].map(|i| self.shares[of_spheres[i as usize] as usize]);
+            ends.contains(&Share::Zone)
+        };
         let releases = self.moving.limits.release.is_some();
         let (mut awake, mut asleep) = (Vec::new(), Vec::new());
         for (e, loud) in loud.iter().enumerate() {
             let in_element = || self.bonds_in.row(e).iter().copied();
             if releases || self.rim[e] {
                 let of_body = self.shares[e] == Share::Body;
-                awake.extend(in_element().filter(|b| releases && !of_body || in_zone(*b)));
+                awake.extend(in_element().filter(|b| !of_body || in_zone(*b)));
             }
             if *loud {
                 asleep.extend(in_element().filter(|b| !in_zone(*b)));
@@ -136,11 +134,21 @@ impl Follow {
         let mut busy = self.first.clone();
         for (b, u) in awake.0.into_iter().zip(awake.1) {
             let e = element(b);
-            hot[e] |= u >= HOT && self.in_zone(bonds.parts(), b);
+            hot[e] |= u >= HOT;
             busy[e] |= limits.release.is_some_and(|release| u >= release);
         }
         if limits.release.is_some() {
-            self.let_go(busy, &mut out.core);
+            let near = self.around(busy, AHEAD);
+            let (core, loaded) = (&self.state.core, &mut self.state.loaded);
+            let is_loaded = near.iter().zip(core).map(|(near, own)| *near || !own);
+            for (last, _) in loaded
+                .iter_mut()
+                .zip(is_loaded)
+                .filter(|(_, is_loaded)| *is_loaded)
+            {
+                *last = run.steps();
+            }
+            self.let_go(run.steps(), &mut out.core);
         }
         self.join(self.around(hot, limits.margin), &soon, &mut out);
         Ok(out)
@@ -183,21 +191,21 @@ impl Follow {
         }
     }
 
-    /// Takes elements from the zone that are neither busy nor near to a break, if they are enough to pay
-    /// for a change.
-    fn let_go(&self, busy: Vec<bool>, core: &mut [bool]) {
+    /// Takes elements from the zone that have long been without load and are not near to a break, if they are
+    /// enough to pay for a change.
+    fn let_go(&self, step: usize, core: &mut [bool]) {
         let mut broken = vec![false; core.len()];
         let log = locked(&self.log);
         let events = log.events().iter();
         events.for_each(|e| broken[self.homes[1][e.bond as usize] as usize] = true);
-        let stay = [
-            self.around(busy, AHEAD),
-            self.around(broken, self.moving.limits.margin),
-        ];
-        let may_leave = |e: &usize| self.state.core[*e] && !stay[0][*e] && !stay[1][*e];
-        let leave: Vec<usize> = (0..core.len()).filter(may_leave).collect();
-        let size = self.state.core.iter().filter(|c| **c).count();
-        if leave.len() as f64 >= LEAVE * size as f64 {
+        let near_break = self.around(broken, self.moving.limits.margin);
+        let own = || (0..core.len()).filter(|e| self.state.core[*e]);
+        let [low, high] = bounds_of(own().map(|e| &self.centres[e]));
+        // The middle of a zone that goes along with a pulse is without load for less.
+        let rest = 0.5 * (high - low).max() * self.slowness;
+        let has_rested = |e: &usize| (step - self.state.loaded[*e]) as f64 >= rest;
+        let leave: Vec<usize> = own().filter(|e| has_rested(e) && !near_break[*e]).collect();
+        if leave.len() as f64 >= LEAVE * own().count() as f64 {
             leave.iter().for_each(|e| core[*e] = false);
         }
     }
