@@ -55,8 +55,8 @@ pub(crate) struct Followed {
     asleep: Vec<String>,
     /// Last looks at the elements.
     last: Vec<Seen>,
-    /// For each element: step of the last look at which it was not in the zone, or a bond near it had more than
-    /// `release`.
+    /// For each element: step of the last look at which it was not in the zone, or a bond near it had more
+    /// than `release`.
     loaded: Vec<usize>,
 }
 

@@ -3,9 +3,9 @@
 //! `T` is the coarse field at a fine node; for rotations and spins half the curl of it. `Π` fits, at a coarse
 //! node `J`, a linear function to the fine nodes `i` with the weights `m_i N_J(x_i)`, and takes its value at
 //! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie
-//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. Across nodes that lie
-//! nearly in a plane, the slope is that of their mean rotation. A coarse node that sleeps beside a gaining
-//! fine node counts with `Π`, since what it had when it fell asleep says nothing.
+//! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. Across nodes that
+//! lie nearly in a plane, the slope is that of their mean rotation. A coarse node that sleeps beside a
+//! gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
 
 use super::Response;
 use crate::field::{Interpolation, ShapeRow, outside};
@@ -292,8 +292,8 @@ impl<T: Real> Sums<T> {
         let spread = self.square / self.weight - middle * middle.transpose();
         let eigen = spread.symmetric_eigen();
         let least = self.square.trace() / self.weight * T::of(FLAT);
-        // Where the slopes act: the middle, without parts along axes in which the nodes do not spread. What is
-        // left of it turns with the nodes, or a body that spins would be strained.
+        // Where the slopes act: the middle, without parts along axes in which the nodes do not spread. What
+        // is left of it turns with the nodes, or a body that spins would be strained.
         let (mut lever, mut across) = (Vector3::zeros(), middle);
         for (value, axis) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value > least {
@@ -477,7 +477,8 @@ fn from_coarse<T: Real>(
 mod tests {
     use super::*;
 
-    /// Value at the coarse node of the fit to nodes at `arms` that have the motion `x`, and turn by `turn`.
+    /// Value at the coarse node of the fit to nodes at `arms` that have the displacement `x`, and turn by
+    /// `turn`; velocities are twice as large.
     fn fit(
         arms: &[Vector3<f64>],
         x: impl Fn(&Vector3<f64>) -> Vector3<f64>,
@@ -485,10 +486,10 @@ mod tests {
     ) -> Vector3<f64> {
         let mut sums = Sums::new();
         for (k, arm) in arms.iter().enumerate() {
-            sums.add(1.0 + 0.3 * k as f64, arm, [[x(arm); 2], [turn; 2]]);
+            sums.add(1.0 + 0.3 * k as f64, arm, [x(arm), turn].map(|x| [x, 2.0 * x]));
         }
         let [u, v] = sums.fit().expect("nodes");
-        assert_eq!(u, v);
+        assert_eq!(v, 2.0 * u);
         u
     }
 
@@ -520,8 +521,8 @@ mod tests {
         }
     }
 
-    /// Eight nodes give the value of a linear field. Noise of the nodes is not enlarged by much, as it would be
-    /// if slopes across four nodes nearly in a plane were fitted.
+    /// Eight nodes give the value of a linear field. Noise of the nodes is not enlarged by much, as it would
+    /// be if slopes across four nodes nearly in a plane were fitted.
     #[test]
     fn linear_fields_are_fitted_and_noise_is_not_enlarged() {
         let slope = Matrix3::new(0.1, 0.4, -0.2, 0.3, -0.6, 0.5, 0.7, 0.2, -0.3);

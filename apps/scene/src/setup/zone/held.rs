@@ -225,8 +225,8 @@ impl Piece {
     }
 }
 
-/// Bars the elements around which an overlap of this width \[m\] would take a marked element. The nearest mark
-/// counts.
+/// Bars the elements around which an overlap of this width \[m\] would take a marked element. The nearest
+/// mark counts.
 fn bar_around(mesh: &Mesh<f64>, marked: &[Option<Bar>], width: f64) -> Vec<Option<Bar>> {
     // An overlap takes an element if a corner of it or its middle is closer than the width.
     let mut points = Vec::new();
@@ -260,18 +260,27 @@ mod tests {
     use crate::setup::zone::divide::Owner;
     use arlequin::core::nalgebra::Point3;
 
-    /// An element is barred if and only if the overlap around it would take an element that is held. Elements of
-    /// 1 × 1 × 1.4 mm, so that a width is another number of them in each direction.
+    /// An element is barred if and only if the overlap around it would take an element that is held. Elements
+    /// of 1 × 1 × 1.4 mm, so that a width is another number of them in each direction.
     #[test]
     fn elements_are_barred_if_their_overlap_would_take_what_is_held() {
-        let text = "[body]\nkind = \"fem\"\nshape.box = { low = [0.0, 0.0, 0.0], high = [12e-3, 9e-3, 1.4e-3] }\n\
-                    spacing = 1e-3\nmaterial = { young = 7e10, poisson = 0.2, density = 2e3 }\n\
+        // With 3 mm, the overlap ends at faces of elements in two directions.
+        for width in [3.0e-3, 3.3e-3] {
+            check_bars(width);
+        }
+    }
+
+    fn check_bars(width: f64) {
+        let text = format!(
+            "[body]\nkind = \"fem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [12e-3, 9e-3, 1.4e-3] }}\n\
+                    spacing = 1e-3\nmaterial = {{ young = 7e10, poisson = 0.2, density = 2e3 }}\n\
                     [[support]]\nmodel = \"body\"\nwhere = \"x-max\"\n\
-                    [[load]]\nmodel = \"body\"\nwhere.box = { low = [0.0, 9e-3, 0.0], high = [2e-3, 9e-3, 1.4e-3] }\n\
+                    [[load]]\nmodel = \"body\"\nwhere.box = {{ low = [0.0, 9e-3, 0.0], high = [2e-3, 9e-3, 1.4e-3] }}\n\
                     traction = [0.0, 1e3, 0.0]\ntime = \"step\"\n\
-                    [zone.crack]\nkind = \"dem\"\noverlap.width = 3.3e-3\nspacing = 0.5e-3\nfollow = true\n\
-                    [[effect]]\nfracture = { gc = 8.0 }\n[time]\nend = 1e-6\n";
-        let scene = lowered(toml::from_str(text).expect("a scene")).expect("a zone");
+                    [zone.crack]\nkind = \"dem\"\noverlap.width = {width:e}\nspacing = 0.5e-3\nfollow = true\n\
+                    [[effect]]\nfracture = { gc = 8.0 }\n[time]\nend = 1e-6\n"
+        );
+        let scene = lowered(toml::from_str(&text).expect("a scene")).expect("a zone");
         let OverlapSource::Zone(piece) = &scene.interface["crack"].overlap else {
             panic!("an overlap of a zone");
         };

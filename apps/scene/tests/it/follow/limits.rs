@@ -58,8 +58,8 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
     );
 }
 
-/// In a ball of warped hexahedra, mediator and body can find a sphere at the border in different elements: the
-/// sphere is not tied to elements that sleep.
+/// In a ball of warped hexahedra, mediator and body can find a sphere at the border in different elements:
+/// the sphere is not tied to elements that sleep.
 #[test]
 #[ignore = "ten seconds"]
 fn a_zone_in_a_ball_of_hexahedra_is_not_tied_to_elements_that_sleep() {
@@ -71,8 +71,8 @@ fn a_zone_in_a_ball_of_hexahedra_is_not_tied_to_elements_that_sleep() {
     assert!(results.run.interfaces()[0].report().multipliers > 0);
 }
 
-/// Where elements come back, single spheres give their states to corners of the body. A plate that spins is as
-/// strained as one that does not.
+/// Where elements come back, single spheres give their states to corners of the body. A plate that spins is
+/// as strained as one that does not.
 #[test]
 fn elements_that_come_back_into_a_plate_that_spins_are_not_strained() {
     let plate = |spin: &str| {
@@ -86,7 +86,7 @@ fn elements_that_come_back_into_a_plate_that_spins_are_not_strained() {
         )
     };
     let spin = "[[initial]]\nmodels = [\"body\"]\nspin = { rate = [0.0, 0.0, 5000.0], centre = [10e-3, 5e-3, 1e-3] }\n\n";
-    let [at_rest, spinning] = ["", spin].map(|spin| run(&Scene::from_text(&plate(spin)).expect("a scene")));
+    let [at_rest, spinning] = ["", spin].map(|spin| run(&Scene::from_text(plate(spin)).expect("a scene")));
     let cells = |r: &Results| -> Vec<_> { r.summary().conversions.iter().map(|c| c.cells).collect() };
     let [still, turned] = [&at_rest, &spinning].map(cells);
     // The zone grows five times, and leaves all of the body again.
