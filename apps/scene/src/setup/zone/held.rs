@@ -278,7 +278,7 @@ mod tests {
                     [[load]]\nmodel = \"body\"\nwhere.box = {{ low = [0.0, 9e-3, 0.0], high = [2e-3, 9e-3, 1.4e-3] }}\n\
                     traction = [0.0, 1e3, 0.0]\ntime = \"step\"\n\
                     [zone.crack]\nkind = \"dem\"\noverlap.width = {width:e}\nspacing = 0.5e-3\nfollow = true\n\
-                    [[effect]]\nfracture = { gc = 8.0 }\n[time]\nend = 1e-6\n"
+                    [[effect]]\nfracture = {{ gc = 8.0 }}\n[time]\nend = 1e-6\n"
         );
         let scene = lowered(toml::from_str(&text).expect("a scene")).expect("a zone");
         let OverlapSource::Zone(piece) = &scene.interface["crack"].overlap else {
@@ -306,12 +306,6 @@ mod tests {
             assert_eq!(takes, bar.is_some(), "element {e} at {}", centroid(mesh, e));
         }
         let count = |bar| barred.iter().filter(|b| **b == Some(bar)).count();
-        println!(
-            "{} and {} of {}",
-            count(Bar::Anchor(0)),
-            count(Bar::Anchor(1)),
-            barred.len()
-        );
         assert!(count(Bar::Anchor(0)) > 30 && count(Bar::Anchor(1)) > 10);
     }
 }
