@@ -215,9 +215,9 @@ impl<'a, T: Real> Sampler<'a, T> {
         };
         let [m, other] = [beyond.particles, 1 - beyond.particles];
         // Neighbours of a particle have gradients alone; on a face, nodes beyond it have round-off.
-        let own = sleeping_nodes(m, T::zero()).next();
+        let particle = sleeping_nodes(m, T::zero()).next();
         let others = sleeping_nodes(other, T::of(ROUND_OFF)).any(|sleeps| sleeps);
-        [own.unwrap_or(false), others]
+        [particle.unwrap_or(false), others]
     }
 
     /// Returns whether a particle in the mediator lies at its border.

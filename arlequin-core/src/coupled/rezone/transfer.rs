@@ -496,7 +496,7 @@ mod tests {
     /// One sphere, two, three, four of which a plane has nearly all, and eight.
     fn clouds() -> Vec<Vec<Vector3<f64>>> {
         let x = |a, b, c| Vector3::new(a, b, c);
-        let one = vec![x(-0.41, -0.39, 0.58)];
+        let single = vec![x(-0.41, -0.39, 0.58)];
         let two = vec![x(0.3, 0.2, 0.1), x(0.5, 0.7, 0.3)];
         let three = vec![x(0.1, 0.2, 0.4), x(0.6, 0.1, 0.5), x(0.2, 0.7, 0.3)];
         let mut flat = three.clone();
@@ -508,7 +508,7 @@ mod tests {
                 0.1 + 0.6 * (k / 4) as f64,
             )
         };
-        vec![one, two, three, flat, (0..8).map(grid).collect()]
+        vec![single, two, three, flat, (0..8).map(grid).collect()]
     }
 
     /// However few nodes are around a coarse node, and however they lie.

@@ -139,14 +139,8 @@ impl Follow {
         }
         if limits.release.is_some() {
             let near = self.around(busy, AHEAD);
-            let (core, loaded) = (&self.state.core, &mut self.state.loaded);
-            let is_loaded = near.iter().zip(core).map(|(near, own)| *near || !own);
-            for (last, _) in loaded
-                .iter_mut()
-                .zip(is_loaded)
-                .filter(|(_, is_loaded)| *is_loaded)
-            {
-                *last = run.steps();
+            for e in (0..near.len()).filter(|e| near[*e] || !self.state.core[*e]) {
+                self.state.loaded[e] = run.steps();
             }
             self.let_go(run.steps(), &mut out.core);
         }
@@ -199,13 +193,13 @@ impl Follow {
         let events = log.events().iter();
         events.for_each(|e| broken[self.homes[1][e.bond as usize] as usize] = true);
         let near_break = self.around(broken, self.moving.limits.margin);
-        let own = || (0..core.len()).filter(|e| self.state.core[*e]);
-        let [low, high] = bounds_of(own().map(|e| &self.centres[e]));
+        let zone = || (0..core.len()).filter(|e| self.state.core[*e]);
+        let [low, high] = bounds_of(zone().map(|e| &self.centres[e]));
         // The middle of a zone that goes along with a pulse is without load for less.
-        let rest = 0.5 * (high - low).max() * self.slowness;
-        let has_rested = |e: &usize| (step - self.state.loaded[*e]) as f64 >= rest;
-        let leave: Vec<usize> = own().filter(|e| has_rested(e) && !near_break[*e]).collect();
-        if leave.len() as f64 >= LEAVE * own().count() as f64 {
+        let pause = 0.5 * (high - low).max() * self.slowness;
+        let has_rested = |e: &usize| (step - self.state.loaded[*e]) as f64 >= pause;
+        let leave: Vec<usize> = zone().filter(|e| has_rested(e) && !near_break[*e]).collect();
+        if leave.len() as f64 >= LEAVE * zone().count() as f64 {
             leave.iter().for_each(|e| core[*e] = false);
         }
     }
