@@ -34,7 +34,7 @@ const BATCH: usize = 1024;
 /// Largest distance from the border of the mediator at which particles may sleep, in edges of a cube of their
 /// volume; more than three times that of the first sample on a bond.
 const BORDER: f64 = 0.1;
-/// Largest value of a shape function at a node of another element that is none: round-off on a face.
+/// Shape functions up to this are round-off: on a face of an element, those of the nodes that are not on it.
 const ROUND_OFF: f64 = 1e-12;
 
 /// Input of the sums, shared by all tasks.

@@ -55,8 +55,8 @@ pub(crate) struct Followed {
     asleep: Vec<String>,
     /// Last looks at the elements.
     last: Vec<Seen>,
-    /// For each element: step of the last look at which it was not in the zone, or a bond near it had more
-    /// than `release`.
+    /// For each element: step of the last look that found it outside of the zone, or a bond near it loaded to
+    /// `release` or more.
     loaded: Vec<usize>,
 }
 
@@ -276,7 +276,7 @@ impl Follow {
         Ok(())
     }
 
-    /// Changes the weights of the run to those of a moved zone, which shares the elements out so.
+    /// Changes the weights of the run to those of a moved zone, which has these shares of the elements.
     fn change(
         &mut self,
         (shares, moved): (Vec<Share>, Moving),

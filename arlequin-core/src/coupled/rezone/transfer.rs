@@ -250,7 +250,7 @@ struct Sums<T: Real> {
     first: [Vector3<T>; 2],
     value: [Vector3<T>; 2],
     slope: [Matrix3<T>; 2],
-    /// Rotation and spin.
+    /// Weighted sums of rotations and spins.
     turn: [Vector3<T>; 2],
 }
 

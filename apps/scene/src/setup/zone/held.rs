@@ -225,8 +225,8 @@ impl Piece {
     }
 }
 
-/// Bars the elements around which an overlap of this width \[m\] would take a marked element. The nearest
-/// mark counts.
+/// Returns for each element the nearest mark of another one that an overlap of this width \[m\] around it
+/// would take; none if the overlap would take no marked element.
 fn bar_around(mesh: &Mesh<f64>, marked: &[Option<Bar>], width: f64) -> Vec<Option<Bar>> {
     // An overlap takes an element if a corner of it or its middle is closer than the width.
     let mut points = Vec::new();
