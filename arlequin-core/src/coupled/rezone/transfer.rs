@@ -5,7 +5,8 @@
 //! the node. This reproduces linear fields, as rigid motions need it, and is local. Where the fine nodes lie
 //! in the middle of the hat it is the mean by the hats, which creates no kinetic energy. Across nodes that
 //! lie nearly in a plane, the slope is that of their mean rotation. A coarse node that sleeps beside a
-//! gaining fine node counts with `Π`, since what it had when it fell asleep says nothing.
+//! gaining fine node counts with `Π`, since what it had when it fell asleep says nothing. Where no fine node
+//! is in the hat of a node that wakes, those near it give the value.
 
 use super::Response;
 use crate::field::{Interpolation, ShapeRow, outside};
@@ -13,7 +14,7 @@ use crate::interface::InterfaceSpec;
 use crate::reach::Reach;
 use crate::weight::Weight;
 use crate::{Error, Real, Result, Subdomain};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -77,6 +78,14 @@ impl<T: Real> Giver<T> {
             true => Vector3::from_column_slice(&self.state[what][first..first + 3]),
             false => Vector3::zeros(),
         }
+    }
+
+    /// Displacement and velocity of a node, its rotation and spin.
+    fn motion(&self, node: usize) -> [[Vector3<T>; 2]; 2] {
+        [
+            [0, 1].map(|what| self.vector(what, node)),
+            [0, 1].map(|what| self.turn(what, node)),
+        ]
     }
 
     /// Mass that a node has gained; zero if that is round-off.
@@ -337,13 +346,16 @@ impl<T: Real> Means<T> {
                     // The linear continuation of a shape function may be negative, and a mean needs positive
                     // weights.
                     if wanted[j] && n > T::zero() {
-                        let (x, turn) = (
-                            [0, 1].map(|k| giver.vector(k, i)),
-                            [0, 1].map(|k| giver.turn(k, i)),
-                        );
-                        sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), [x, turn]);
+                        let motion = giver.motion(i);
+                        sums[j].add(giver.mass(i) * n, &(points[i] - nodes[j]), motion);
                     }
                 }
+            }
+        }
+        // The corner of a body may have one tetrahedron alone, and no fine node in it.
+        for (j, sum) in sums.iter_mut().enumerate() {
+            if wanted[j] && sum.weight <= T::zero() && givers[coarse].mass(j) <= T::zero() {
+                *sum = around(j, nodes, subdomains, givers, partners);
             }
         }
         Ok(Self(sums))
@@ -365,6 +377,32 @@ impl<T: Real> Means<T> {
         }
         Ok(out)
     }
+}
+
+/// Sums over the fine nodes around the coarse node `j` with a cone as hat, `1 − d / R` at the distance `d`,
+/// whose radius `R` is twice the distance to the nearest other coarse node.
+fn around<T: Real>(
+    j: usize,
+    nodes: &[Point3<T>],
+    subdomains: &[Subdomain<T>],
+    givers: &[Giver<T>],
+    partners: &[usize],
+) -> Sums<T> {
+    let x = &nodes[j];
+    let others = nodes.iter().enumerate().filter(|(k, _)| *k != j);
+    let distances = others.map(|(_, y)| (y - x).norm());
+    let radius = distances.reduce(T::min).unwrap_or_else(T::zero) * T::of(2.0);
+    let mut sums = Sums::new();
+    for &p in partners {
+        for (i, y) in subdomains[p].model().nodes().iter().enumerate() {
+            let arm = y - x;
+            let (distance, mass) = (arm.norm(), givers[p].mass(i));
+            if distance < radius && mass > T::zero() {
+                sums.add(mass * (T::one() - distance / radius), &arm, givers[p].motion(i));
+            }
+        }
+    }
+    sums
 }
 
 fn orphan<T: Real>(s: &Subdomain<T>, node: usize) -> Error {
