@@ -223,17 +223,57 @@ pub(crate) fn nodal_volumes<T: Real>(kind: ElementKind, p: &[Point3<T>; 8], sect
     out
 }
 
-/// Local coordinates of `x` in a hexahedron by Newton's method; `None` if the iteration does not converge
-/// near the element.
-pub(crate) fn hex_inverse<T: Real>(p: &[Point3<T>; 8], x: &Point3<T>) -> Option<Vector3<T>> {
+/// Coefficients of the map of a hexahedron, `x(ξ) = Σ_m a_m m(ξ)` \[m\] with the monomials
+/// `m = 1, ξ, η, ζ, ξη, ηζ, ζξ, ξηζ`.
+struct Trilinear<T: Real>([Vector3<T>; 8]);
+
+impl<T: Real> Trilinear<T> {
+    fn new(p: &[Point3<T>; 8]) -> Self {
+        // Sums and differences along one axis after the other.
+        let halves = |a: &Vector3<T>, b: &Vector3<T>| [(a + b) * T::of(0.5), (b - a) * T::of(0.5)];
+        let edge = |a: usize, b: usize| halves(&p[a].coords, &p[b].coords);
+        let face = |low: [Vector3<T>; 2], high: [Vector3<T>; 2]| {
+            let [a, b] = halves(&low[0], &high[0]);
+            let [c, d] = halves(&low[1], &high[1]);
+            [a, b, c, d]
+        };
+        let (low, high) = (face(edge(0, 1), edge(3, 2)), face(edge(4, 5), edge(7, 6)));
+        let [constant, z] = halves(&low[0], &high[0]);
+        let [y, yz] = halves(&low[1], &high[1]);
+        let [x, zx] = halves(&low[2], &high[2]);
+        let [xy, xyz] = halves(&low[3], &high[3]);
+        Self([constant, x, y, z, xy, yz, zx, xyz])
+    }
+
+    /// Position at `ξ` \[m\] and Jacobian `∂x/∂ξ` there \[m\].
+    fn position_and_jacobian(&self, xi: &Vector3<T>) -> (Vector3<T>, Matrix3<T>) {
+        let [constant, x, y, z, xy, yz, zx, xyz] = &self.0;
+        // x(ξ) = c + ξ p + η (y + ζ yz) + ζ z, with p = ∂x/∂ξ.
+        let bend = yz + xyz * xi.x;
+        let along_x = x + xy * xi.y + (zx + xyz * xi.y) * xi.z;
+        let along_y = y + xy * xi.x + bend * xi.z;
+        let along_z = z + zx * xi.x + bend * xi.y;
+        let position = constant + along_x * xi.x + (y + yz * xi.z) * xi.y + z * xi.z;
+        (position, Matrix3::from_columns(&[along_x, along_y, along_z]))
+    }
+}
+
+/// Local coordinates of `x` in a hexahedron by Newton's method from `start`; `None` if the iteration does not
+/// converge near the element.
+pub(crate) fn hex_inverse<T: Real>(
+    p: &[Point3<T>; 8],
+    x: &Point3<T>,
+    start: Vector3<T>,
+) -> Option<Vector3<T>> {
     // Clamped within this distance: far outside, the map may fold over and Newton's method wander.
     let reach = T::of(3.0);
     let settled = T::epsilon() * T::of(16.0);
-    let mut xi = Vector3::zeros();
+    let map = Trilinear::new(p);
+    let mut xi = start;
     let mut step = T::of(f64::from(f32::MAX));
     for _ in 0..50 {
-        let j = hex_jacobian(p, &hex_gradients(&xi));
-        let d = j.try_inverse()? * (x - hex_map(p, &xi));
+        let (position, jacobian) = map.position_and_jacobian(&xi);
+        let d = jacobian.try_inverse()? * (x.coords - position);
         let size = d.amax();
         if !size.is_finite() {
             return None;

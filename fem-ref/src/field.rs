@@ -14,17 +14,31 @@ use arlequin_core::{Interpolation, Mediator, Real, ShapeRow, outside};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::sync::Arc;
 
+/// A point that no element holds belongs to a hexahedron whose local coordinates it leaves by up to this many
+/// times the warp of the faces.
+const NEAR: f64 = 2.0;
+
 /// Data that give the local coordinates of a hexahedron, and the distance of its faces from planes.
 #[derive(Debug, Clone)]
 struct HexShape<T: Real> {
     centre: Point3<T>,
-    /// Inverse Jacobian if the map is affine (a parallelepiped) or nearly affine.
+    /// Inverse Jacobian at the centre; `None` if it does not exist.
     inverse: Option<Matrix3<T>>,
-    /// True if the map is affine to round-off. Otherwise one correction with the same inverse doubles the
-    /// number of correct digits.
-    affine: bool,
+    map: HexMap<T>,
     /// Largest distance of a face's corners from a plane, relative to the element's size.
     warp: T,
+}
+
+/// Kind of the map from local coordinates to places in a hexahedron.
+#[derive(Debug, Clone, Copy)]
+enum HexMap<T> {
+    /// Affine to round-off (a parallelepiped).
+    Affine,
+    /// Nearly affine: one correction with the inverse at the centre leaves only round-off.
+    Nearly,
+    /// Any other, with the largest coordinate that the affine map of the centre gives to points of the
+    /// element or near it.
+    Bent(T),
 }
 
 /// The finite element field of a mesh.
@@ -146,14 +160,15 @@ impl<T: Real> FemField<T> {
     /// Local coordinates of `x` in hexahedron `e`; `None` far outside of a hexahedron that is not affine.
     fn hex_local(&self, e: usize, x: &Point3<T>) -> Option<Vector3<T>> {
         let shape = &self.hexes[e];
-        let Some(inverse) = &shape.inverse else {
-            return element::hex_inverse(&self.mesh.corners(e), x);
-        };
-        let mut xi = inverse * (x - shape.centre);
-        if !shape.affine {
-            xi += inverse * (x - element::hex_map(&self.mesh.corners(e), &xi));
+        let inverse = shape.inverse.as_ref()?;
+        let xi = inverse * (x - shape.centre);
+        match shape.map {
+            HexMap::Affine => Some(xi),
+            HexMap::Nearly => Some(xi + inverse * (x - element::hex_map(&self.mesh.corners(e), &xi))),
+            // Most elements that are asked lie beside the point, and Newton's method costs more.
+            HexMap::Bent(reach) if xi.amax() > reach => None,
+            HexMap::Bent(_) => element::hex_inverse(&self.mesh.corners(e), x, xi),
         }
-        Some(xi)
     }
 
     /// Local coordinates of `x` in element `e`, with the distance by which they leave it.
@@ -214,7 +229,7 @@ impl<T: Real> FemField<T> {
             } else if self
                 .hexes
                 .get(e)
-                .is_some_and(|h| located.violation <= h.warp * T::of(2.0))
+                .is_some_and(|h| located.violation <= h.warp * T::of(NEAR))
             {
                 let closer = near.as_ref().is_none_or(|n| {
                     located.violation < n.violation
@@ -276,7 +291,7 @@ impl<T: Real> FemField<T> {
                     let local = element::hex_gradients(&xi);
                     let shape = &self.hexes[located.element];
                     let inverse = match &shape.inverse {
-                        Some(inverse) if shape.affine => Some(*inverse),
+                        Some(inverse) if matches!(shape.map, HexMap::Affine) => Some(*inverse),
                         _ => element::hex_jacobian(&self.mesh.corners(located.element), &local).try_inverse(),
                     };
                     let Some(inverse) = inverse else {
@@ -319,23 +334,31 @@ fn hex_shape<T: Real>(p: &[Point3<T>; 8]) -> HexShape<T> {
     let size = j.norm();
     let centre = element::hex_map(p, &Vector3::zeros());
     // How far the corners are from those of the affine map at the centre.
-    let bent = p
-        .iter()
-        .zip(element::HEX_CORNERS)
-        .map(|(x, c)| (x - centre - j * Vector3::from(c.map(T::of))).norm())
-        .fold(T::zero(), |a, b| a.max(b));
+    let corners = p.iter().zip(element::HEX_CORNERS);
+    let bends = corners.map(|(x, c)| x - centre - j * Vector3::from(c.map(T::of)));
+    let bent = bends.clone().map(|b| b.norm()).fold(T::zero(), T::max);
     let warp = ElementKind::Hex8.faces().iter().map(|f| {
         let d = [1, 2, 3].map(|k: usize| p[f[k]] - p[f[0]]);
         let normal = d[0].cross(&d[2]) + (p[f[3]] - p[f[2]]).cross(&(p[f[1]] - p[f[2]]));
         d[1].dot(&d[0].cross(&d[2])).abs() / (normal.norm() * size)
     });
     let warp = warp.fold(T::zero(), |a, b| a.max(b));
-    // Below the square root of epsilon, one correction leaves only round-off.
-    let nearly = bent <= size * T::epsilon().sqrt();
+    let inverse = j.try_inverse();
+    let map = if bent <= size * T::epsilon() * T::of(16.0) {
+        HexMap::Affine
+    } else if bent <= size * T::epsilon().sqrt() {
+        HexMap::Nearly
+    } else {
+        // A point in the element deviates from the affine map by a mean of the corners' deviations, one at
+        // the distance `s` from it by at most (1 + s)³ of the largest.
+        let local = bends.map(|b| inverse.map_or(T::zero(), |i| (i * b).amax()));
+        let out = T::one() + warp * T::of(NEAR * 2.0) + T::of(0.01);
+        HexMap::Bent(out + out.powi(3) * local.fold(T::zero(), T::max))
+    };
     HexShape {
         centre,
-        inverse: if nearly { j.try_inverse() } else { None },
-        affine: bent <= size * T::epsilon() * T::of(16.0),
+        inverse,
+        map,
         warp,
     }
 }

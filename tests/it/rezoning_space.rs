@@ -543,8 +543,10 @@ fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
         !is_of || ends.iter().any(|x| x.x > border)
     };
     let bar = Bar::new(Fine::Spheres, 1);
-    // `reach` moves the mediators away from the weights.
+    // `reach` moves the mediator at `hung` away from the weights.
     let run = |reach: f64| {
+        let mut interfaces = bar.interfaces(from);
+        interfaces[1] = bar.interfaces(from + reach).swap_remove(1);
         let [coarse, fine] = weights(from);
         let mesh = block(ElementKind::Hex8, [0.0, LENGTH], [20, 2, 2]);
         let law = Elastic::new(1.0, 0.0, 1.0).unwrap();
@@ -552,12 +554,7 @@ fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
         let elements = Subdomain::coarse(FemModel::new("bar", mesh, law).unwrap(), coarse).with_sleep();
         let spheres = Subdomain::fine(lattice_with(&leads_out), fine).with_sleep();
         let models = vec![with_state(elements, motion), with_state(spheres, motion)];
-        Coupled::new(
-            models,
-            bar.interfaces(from + reach),
-            TimeStep::Fraction(0.5),
-            None,
-        )
+        Coupled::new(models, interfaces, TimeStep::Fraction(0.5), None)
     };
     let mut coupled = run(0.0).unwrap();
     let node_at = |x: &Point3<f64>, run: &Coupled<f64>| {
@@ -578,8 +575,8 @@ fn a_sphere_at_the_border_whose_bonds_lead_out_sleeps_and_is_not_tied() {
         &coupled.subdomains()[1].state().v[3 * node..3 * node + 3],
         &[0.0; 3]
     );
-    // A mediator that goes on beyond the weights by half a sphere is still refused.
-    let refused = run(0.15).map(|_| ());
+    // A mediator that goes on beyond the weights by a layer of spheres is refused.
+    let refused = run(0.3).map(|_| ());
     assert!(
         matches!(&refused, Err(Error::ZeroMass { model, .. }) if model == "fine"),
         "{refused:?}"

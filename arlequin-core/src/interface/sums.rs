@@ -7,11 +7,11 @@
 //! ```
 //!
 //! The mediator ends where the weight does, but a particle is inside of it by its centre, and has its mass by
-//! samples of the weight along its bonds. The first of them lies `c L` from the centre of a bond's end, with
-//! the bond's length `L` and `c` up to 0.03. A particle within this of the border, all bonds of which lead
-//! out, has no mass and sleeps although its centre lies in the overlap. Its velocity is nobody's, and no
-//! multiplier may act on it: the sums of both sides leave it out, which keeps the momenta. Particles that
-//! sleep deeper inside stay in the sums, and are refused.
+//! samples of the weight along its bonds. A particle at the border, all bonds of which lead out, has no mass
+//! and sleeps although its centre lies in the overlap. Where faces of elements are not plane, two elements
+//! may hold the same place, one in the mediator and one beyond the overlap, so that particles sleep deeper
+//! inside. The velocity of a sleeping particle is nobody's, and no multiplier may act on it: the sums of both
+//! sides leave it out, which keeps the momenta. If many sleep, the mediator goes beyond the weights.
 
 use super::assembly::{OVERHANG_LIMIT, PARTICLE_COVERAGE, Sampling};
 use super::rows::{Block, Part, Rows};
@@ -31,9 +31,9 @@ const SAMPLES: usize = 128;
 /// Tasks in flight. A batch is merged before the next one starts, so that dense blocks stay small beside the
 /// matrices.
 const BATCH: usize = 1024;
-/// Largest distance from the border of the mediator at which particles may sleep, in edges of a cube of their
-/// volume; more than three times that of the first sample on a bond.
-const BORDER: f64 = 0.1;
+/// Share of the sampled measure up to which particles may sleep: those at the border, and those that two
+/// elements hold.
+const ASLEEP: f64 = 0.04;
 /// Shape functions up to this are round-off: on a face of an element, those of the nodes that are not on it.
 const ROUND_OFF: f64 = 1e-12;
 
@@ -75,6 +75,9 @@ pub(super) struct Tally<T> {
     measure: T,
     reached: T,
     lost: T,
+    /// Measure of particles that sleep, and the first of them.
+    asleep: T,
+    first_asleep: Option<usize>,
 }
 
 impl<T: Real> Tally<T> {
@@ -85,7 +88,14 @@ impl<T: Real> Tally<T> {
             measure: zero,
             reached: zero,
             lost: zero,
+            asleep: zero,
+            first_asleep: None,
         }
+    }
+
+    fn add_sleeping(&mut self, measure: T, particle: usize) {
+        self.asleep += measure;
+        self.first_asleep.get_or_insert(particle);
     }
 
     fn add(&mut self, other: &Self) {
@@ -93,6 +103,8 @@ impl<T: Real> Tally<T> {
         self.measure += other.measure;
         self.reached += other.reached;
         self.lost += other.lost;
+        self.asleep += other.asleep;
+        self.first_asleep = self.first_asleep.or(other.first_asleep);
     }
 }
 
@@ -197,43 +209,25 @@ impl<'a, T: Real> Sampler<'a, T> {
         w > floor && w < T::one() - floor
     }
 
-    /// Returns which model sleeps at the present sample, which has the columns `cols`: that of the particles,
-    /// and the other one.
-    fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> [bool; 2] {
+    /// Returns the particle at the present sample, which has the columns `cols`, if it sleeps, and whether the
+    /// other model sleeps there.
+    fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> (Option<usize>, bool) {
         let Some(beyond) = &self.beyond else {
-            return [false; 2];
+            return (None, false);
         };
-        let sleeping_nodes = |m: usize, least: T| {
+        let sleeps = |m: usize, node: usize| {
             let components = self.sides[m].layout.components;
-            let inertia = self.sides[m].sleeping;
-            let read = cols[m]
-                .nodes
-                .iter()
-                .zip(&cols[m].values)
-                .filter(move |n| n.1.abs() > least);
-            read.map(move |(node, _)| inertia.is_some_and(|i| i[node * components] <= T::zero()))
+            self.sides[m]
+                .sleeping
+                .is_some_and(|i| i[node * components] <= T::zero())
         };
         let [m, other] = [beyond.particles, 1 - beyond.particles];
-        // Neighbours of a particle have gradients alone; on a face, nodes beyond it have round-off.
-        let particle = sleeping_nodes(m, T::zero()).next();
-        let others = sleeping_nodes(other, T::of(ROUND_OFF)).any(|sleeps| sleeps);
-        [particle.unwrap_or(false), others]
-    }
-
-    /// Returns whether a particle in the mediator lies at its border.
-    fn is_at_border(&self, s: &Sample<T>, row: &mut ShapeRow<T>) -> Result<bool> {
-        let reach = s.measure.cbrt() * T::of(BORDER);
-        for axis in 0..3 {
-            for sign in [-T::one(), T::one()] {
-                let mut x = s.point;
-                x[axis] += sign * reach;
-                match self.spec.mediator.shape_at(&x, false, row) {
-                    Err(Error::OutsideDomain { .. }) => return Ok(true),
-                    other => other?,
-                }
-            }
-        }
-        Ok(false)
+        // On a face, nodes beyond it have round-off; neighbours of a particle have gradients alone.
+        let sleeping = |m: usize| {
+            let mut read = cols[m].nodes.iter().zip(&cols[m].values);
+            read.find(|(node, n)| n.abs() > T::of(ROUND_OFF) && sleeps(m, **node))
+        };
+        (sleeping(m).map(|n| *n.0), sleeping(other).is_some())
     }
 
     /// Adds samples to the sums. `cells`: cell of the mediator, coarse and fine field in which all of them
@@ -293,8 +287,9 @@ impl<'a, T: Real> Sampler<'a, T> {
                 worker.tally.lost += s.measure;
                 continue;
             }
-            let [particle_sleeps, other_sleeps] = self.sleeps(&worker.cols);
-            if particle_sleeps && (is_beyond || self.is_at_border(s, &mut worker.reach[0])?) {
+            let (sleeping, other_sleeps) = self.sleeps(&worker.cols);
+            if let Some(particle) = sleeping {
+                worker.tally.add_sleeping(s.measure, particle);
                 continue;
             }
             // Of two warped elements, the mediator may find one of the overlap, and the other model the one
@@ -317,7 +312,8 @@ impl<'a, T: Real> Sampler<'a, T> {
     /// Turns the sums into coupling matrices.
     ///
     /// # Errors
-    /// [`Error::OverhangingMediator`] if too much of the overlap lies outside of a model.
+    /// [`Error::OverhangingMediator`] if too much of the overlap lies outside of a model, [`Error::ZeroMass`] if
+    /// too many particles in it have no mass.
     fn finish(
         &self,
         [coarse, fine]: [Rows<T>; 2],
@@ -329,6 +325,8 @@ impl<'a, T: Real> Sampler<'a, T> {
             measure,
             reached,
             lost,
+            asleep,
+            first_asleep,
         } = tally;
         // Particles of one model near a free surface may lie outside the hull of the other; they are not
         // tied.
@@ -344,6 +342,17 @@ impl<'a, T: Real> Sampler<'a, T> {
                 model,
                 outside,
                 total,
+            });
+        }
+        let total = measure + reached + asleep;
+        if let (Some(node), true) = (first_asleep, asleep > total * T::of(ASLEEP)) {
+            let particles = &self.sides[self.beyond.as_ref().map_or(0, |b| b.particles)];
+            let x = particles.field.nodes()[node];
+            return Err(Error::ZeroMass {
+                model: particles.name.to_owned(),
+                node,
+                point: [x.x, x.y, x.z].map(|c| c.as_f64()),
+                mass: 0.0,
             });
         }
         if lost > T::zero() {

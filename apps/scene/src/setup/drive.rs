@@ -23,6 +23,9 @@ use std::path::Path;
 /// Angle \[rad\] up to which bodies with small displacements may turn: strains are then off by half a per
 /// cent at most.
 const SMALL_TURN: f64 = 0.1;
+/// Angle \[rad\] up to which such a body may turn with particles of finite rotations, which feel a strain of
+/// half its square: 1e-4, a tenth of the strain at which brittle bodies break.
+const TIED_TURN: f64 = 0.0142;
 
 /// An effect that is not yet attached to a model.
 pub(super) type Chosen = Box<dyn effect::EffectSpec<f64>>;
@@ -218,9 +221,6 @@ pub(super) fn wide_turns(scene: &LoweredScene, last: f64) -> Vec<String> {
     for (k, i) in scene.initial.iter().enumerate() {
         let Some(s) = &i.spin else { continue };
         let turn = Vector3::from(s.rate).norm() * last;
-        if turn <= SMALL_TURN {
-            continue;
-        }
         for m in moved_models(scene, &format!("initial[{k}]"), i).unwrap_or_default() {
             let Some((name, table)) = scene.model.iter().nth(m) else {
                 continue;
@@ -229,18 +229,38 @@ pub(super) fn wide_turns(scene: &LoweredScene, last: f64) -> Vec<String> {
             if kind(table.kind).is_remote() {
                 continue;
             }
+            let begin = format!("model '{name}': initial[{k}].spin turns it by {turn:.2} rad, and");
             let remedy = match kind(table.kind).has_spheres() {
                 true if table.dem.finite_rotations => continue,
                 true => "set dem.finite_rotations = true",
                 false => "take kind = \"dem\" with dem.finite_rotations = true, or a shorter run",
             };
-            out.push(format!(
-                "model '{name}': initial[{k}].spin turns it by {turn:.2} rad, and its law holds up to {SMALL_TURN} rad: beyond, it \
-                 knows no centrifugal load and its points leave along straight lines; {remedy}"
-            ));
+            if turn > SMALL_TURN {
+                out.push(format!(
+                    "{begin} its law holds up to {SMALL_TURN} rad: beyond, it knows no centrifugal load and its points leave along \
+                     straight lines; {remedy}"
+                ));
+            } else if let Some(other) = tied_with_finite_rotations(scene, name).filter(|_| turn > TIED_TURN) {
+                out.push(format!(
+                    "{begin} its linear law lets it grow by {:.2} % as it turns; '{other}' with dem.finite_rotations is strained by \
+                     that: leave dem.finite_rotations out, or take a shorter run",
+                    50.0 * turn * turn
+                ));
+            }
         }
     }
     out
+}
+
+/// Returns a model with finite rotations that an interface ties to this one.
+fn tied_with_finite_rotations<'a>(scene: &'a LoweredScene, name: &str) -> Option<&'a str> {
+    let pairs = scene
+        .interface
+        .values()
+        .flat_map(|i| [(&i.coarse, &i.fine), (&i.fine, &i.coarse)]);
+    let mut others = pairs.filter(|(own, _)| *own == name).map(|(_, other)| other);
+    let other = others.find(|other| scene.model.get(*other).is_some_and(|m| m.dem.finite_rotations))?;
+    Some(other)
 }
 
 /// Initial displacements and velocities of model `m`.
