@@ -258,6 +258,26 @@ fn what_a_first_scene_gets_wrong_is_named_with_its_remedy() {
         .replace("dem.protocol = \"quench\"\n", "");
     let elements = elements.replace("70e9, ", "70e9, poisson = 0.2, ");
     assert_eq!(warnings(&elements, "take kind = \"dem\"").len(), 1);
+    // Elements grow as they turn, which spheres that turn freely feel long before.
+    let zone = |dem: &str, rate: f64| {
+        format!(
+            "[body]\nkind = \"fem\"\nshape.box = {{ low = [0.0, 0.0, 0.0], high = [12e-3, 4e-3, 4e-3] }}\nspacing = 1e-3\n\
+             material = {{ young = 70e9, poisson = 0.2, density = 2500.0 }}\n[zone.crack]\nkind = \"dem\"\n\
+             shape.box = {{ low = [-1.0, -1.0, -1.0], high = [3e-3, 1.0, 1.0] }}\noverlap.width = 3e-3\nspacing = 0.8e-3\n{dem}\n\
+             [[initial]]\nmodels = [\"body\"]\nspin = {{ rate = [{rate:?}, 0.0, 0.0] }}\n[time]\nend = 1e-6\n"
+        )
+    };
+    let free = "dem.finite_rotations = true";
+    let said = warnings(&zone(free, 2.8e4), "leave dem.finite_rotations out");
+    assert!(
+        said.len() == 1
+            && said[0].contains("'body'")
+            && said[0].contains("'crack'")
+            && said[0].contains("0.04 %"),
+        "{said:?}"
+    );
+    assert_eq!(warnings(&zone(free, 1e4), "spin turns").len(), 0);
+    assert_eq!(warnings(&zone("", 3e4), "spin turns").len(), 0);
     // A ball in bricks has a border of steps, which cut the overlap short. The value that is told cures it.
     let ball = |width: f64| {
         format!(

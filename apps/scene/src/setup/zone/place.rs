@@ -114,9 +114,10 @@ impl Overlap<f64> for Layer {
         }
     }
 
-    /// Positions are smooth within an element. A cell inside one tetrahedron needs no halving. A cell across
-    /// several elements or in a hexahedron, where positions are not linear, needs one. A cell across a
-    /// border, as cells of natural elements may be, needs two.
+    /// Positions are smooth within an element. A tetrahedron that is an element, or one of those into which a
+    /// hexahedron with faces that are not plane is cut, needs no halving. A cell across several elements or in
+    /// a hexahedron, where positions are not linear, needs one. A cell across a border, as cells of natural
+    /// elements may be, needs two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
         let [low, high] = cell.bounds();
         // Boxes, not corners: a cell may cut through an edge of the zone's box with all corners outside.
@@ -131,13 +132,23 @@ impl Overlap<f64> for Layer {
             owner => owner,
         };
         let (first, _) = self.locate(&middle)?;
-        let linear = self.field.mesh().kind() == ElementKind::Tet4;
-        let (mut one_owner, mut one_linear_element) = (true, linear);
-        for x in &corners {
-            let inwards = x + (middle - x) * INWARDS;
-            let (e, _) = self.locate(&inwards)?;
-            one_linear_element &= e == first;
-            one_owner &= owner_of(e) == owner_of(first);
+        let mesh = self.field.mesh();
+        let is_node = |x: &Point3<f64>| {
+            mesh.element(first)
+                .iter()
+                .any(|k| mesh.nodes()[*k as usize] == *x)
+        };
+        // A tetrahedron has three corners on each of its four faces.
+        let (mut one_owner, mut one_linear_element) = (true, corners.len() == 12);
+        // Beside a face that is not plane, corners of an element's own cell could be found in its neighbour.
+        if !corners.iter().all(is_node) {
+            one_linear_element = mesh.kind() == ElementKind::Tet4;
+            for x in &corners {
+                let inwards = x + (middle - x) * INWARDS;
+                let (e, _) = self.locate(&inwards)?;
+                one_linear_element &= e == first;
+                one_owner &= owner_of(e) == owner_of(first);
+            }
         }
         Some(match (one_owner, owner_of(first)) {
             (false, _) => CellPlace::Halved(2),

@@ -61,7 +61,6 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
 /// In a ball of warped hexahedra, mediator and body can find a sphere at the border in different elements:
 /// the sphere is not tied to elements that sleep.
 #[test]
-#[ignore = "ten seconds"]
 fn a_zone_in_a_ball_of_hexahedra_is_not_tied_to_elements_that_sleep() {
     let text = "[body]\nkind = \"fem\"\nshape.ball = { centre = [0.0, 0.0, 0.0], radius = 6e-3 }\nspacing = 1.5e-3\n\
                 material = { young = 72.5e9, poisson = 0.17, density = 2200.0 }\n\n[zone.crack]\nkind = \"dem\"\n\
