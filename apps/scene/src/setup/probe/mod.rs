@@ -1,5 +1,6 @@
 //! Probes: linear combinations of unknowns, forces, stresses and energy release rates.
 
+mod between;
 mod crack;
 mod exerted;
 mod place;

@@ -1,5 +1,6 @@
 //! Places of probes: points of models.
 
+use super::between::shape_between;
 use crate::error::{Error, Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::shapes::corners;
@@ -16,10 +17,15 @@ pub(in crate::setup) fn placed(
     point: &[f64; 3],
     body: &Body,
 ) -> Result<(Vec<usize>, Vec<f64>)> {
-    let mut row = ShapeRow::default();
     let x = Point3::from(*point);
-    let located = body.field.shape_at(&x, false, &mut row);
-    located.map_err(|e| outside(path, model_name, &x, body, e))?;
+    // Particles have values at their centres alone.
+    let located = if body.grains.is_some() && body.field.samples().is_some() {
+        shape_between(body.model.nodes(), body.spacing, &x)
+    } else {
+        let mut row = ShapeRow::default();
+        body.field.shape_at(&x, false, &mut row).map(|()| row)
+    };
+    let row = located.map_err(|e| outside(path, model_name, &x, body, e))?;
     Ok((row.nodes, row.values))
 }
 
