@@ -32,14 +32,15 @@ pub(crate) const COINCIDENT: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub struct BondedParticles {
     positions: Vec<Vector3<f64>>,
-    radii: Vec<f64>,
+    radii: Arc<Vec<f64>>,
     pairs: Vec<[u32; 2]>,
     /// [`LinearBond::scale`] of each bond \[m\]. Its axis is computed from the centres, which saves memory.
     scales: Vec<f64>,
+    /// Weight of each bond; empty if all are one.
     weights: Vec<f64>,
     /// Stiffness of each bond over that of a beam of the packing's material; empty for a single material.
     grades: Vec<f64>,
-    full_mass: Vec<f64>,
+    full_mass: Arc<Vec<f64>>,
     mass: Vec<f64>,
     inertia: Vec<f64>,
     rigidity: BeamRigidity,
@@ -180,14 +181,14 @@ impl BondedParticles {
         let full_mass: Vec<f64> = contents.volumes.iter().map(|v| density * v).collect();
         let inertia = sphere_inertia(&full_mass, &radii);
         Ok(Self {
-            weights: vec![1.0; pairs.len()],
+            weights: Vec::new(),
             grades: Vec::new(),
             mass: full_mass.clone(),
             positions,
-            radii,
+            radii: radii.into(),
             pairs,
             scales,
-            full_mass,
+            full_mass: full_mass.into(),
             inertia,
             rigidity,
             mean_radius: mean,
@@ -213,11 +214,19 @@ impl BondedParticles {
                 return Err(Error::out_of_range("bond weight", w, "values >= 0"));
             }
         }
-        self.weights.copy_from_slice(weights);
+        let is_one = |w: &f64| w.to_bits() == 1.0_f64.to_bits();
+        self.weights.clear();
+        if !weights.iter().all(is_one) {
+            self.weights.extend(weights);
+        }
         (0..weights.len()).for_each(|b| self.soften(b, 1.0));
         self.awake = OnceLock::new();
         // A particle without bonds keeps its whole mass.
-        for (i, w) in self.mean_over_bonds(weights, |_| 1.0).into_iter().enumerate() {
+        for (i, w) in self
+            .mean_over_bonds(|b| weights[b], |_| 1.0)
+            .into_iter()
+            .enumerate()
+        {
             self.mass[i] = self.full_mass[i] * w;
         }
         self.inertia = sphere_inertia(&self.mass, &self.radii);
@@ -245,10 +254,11 @@ impl BondedParticles {
         };
         // Grades multiply the stored scales through `set_weights`, which knows the rounding too.
         self.grades = self.pairs.iter().map(series).collect();
-        self.full_mass.iter_mut().zip(density).for_each(|(m, d)| *m *= d);
-        // `set_weights` copies into `self.weights`, which must keep its length.
-        let weights = std::mem::take(&mut self.weights);
-        self.weights = vec![1.0; weights.len()];
+        Arc::make_mut(&mut self.full_mass)
+            .iter_mut()
+            .zip(density)
+            .for_each(|(m, d)| *m *= d);
+        let weights: Vec<f64> = (0..self.pairs.len()).map(|b| self.weight(b)).collect();
         self.set_weights(&weights)
     }
 
@@ -259,12 +269,16 @@ impl BondedParticles {
 
     /// Returns the mean of bond values over the bonds of each particle; `alone` gives the value of a particle
     /// without bonds.
-    pub(crate) fn mean_over_bonds(&self, values: &[f64], alone: impl Fn(usize) -> f64) -> Vec<f64> {
+    pub(crate) fn mean_over_bonds(
+        &self,
+        value: impl Fn(usize) -> f64,
+        alone: impl Fn(usize) -> f64,
+    ) -> Vec<f64> {
         let mut sum = vec![0.0; self.positions.len()];
         let mut degree = vec![0_u32; self.positions.len()];
-        for (pair, w) in self.pairs.iter().zip(values) {
+        for (b, pair) in self.pairs.iter().enumerate() {
             for e in pair {
-                sum[*e as usize] += w;
+                sum[*e as usize] += value(b);
                 degree[*e as usize] += 1;
             }
         }
@@ -297,14 +311,15 @@ impl BondedParticles {
         // bits.
         let adjacency = OnceLock::from(Arc::new(Adjacency::of_pairs(owned.len() + ghosts.len(), &pairs)));
         let grades = if self.is_graded() { &bonds[..] } else { &[] };
+        let weighted = if self.weights.is_empty() { &[] } else { &bonds[..] };
         let numbers = bonds.iter().map(|b| *b as u32).collect();
         let part = Self {
             positions: particles().map(|i| self.positions[i]).collect(),
-            radii: particles().map(|i| self.radii[i]).collect(),
+            radii: Arc::new(particles().map(|i| self.radii[i]).collect()),
             pairs,
-            weights: bonds.iter().map(|b| self.weights[*b]).collect(),
+            weights: weighted.iter().map(|b| self.weights[*b]).collect(),
             grades: grades.iter().map(|b| self.grades[*b]).collect(),
-            full_mass: particles().map(|i| self.full_mass[i]).collect(),
+            full_mass: Arc::new(particles().map(|i| self.full_mass[i]).collect()),
             mass: particles().map(|i| self.mass[i]).collect(),
             inertia: particles().map(|i| self.inertia[i]).collect(),
             rigidity: self.rigidity,
@@ -322,7 +337,7 @@ impl BondedParticles {
 
     /// Returns centres, radii and pairs; frees all other arrays.
     pub(crate) fn into_spheres(self) -> (Vec<Vector3<f64>>, Vec<f64>, Vec<[u32; 2]>) {
-        (self.positions, self.radii, self.pairs)
+        (self.positions, Arc::unwrap_or_clone(self.radii), self.pairs)
     }
 
     /// Sets the stiffness of a bond to zero; masses stay.
@@ -340,7 +355,7 @@ impl BondedParticles {
         let grade = self.grades.get(bond).copied().unwrap_or(1.0);
         let whole = self.bond(bond);
         let softened = LinearBond {
-            scale: left * self.weights[bond] * grade / whole.axis.norm(),
+            scale: left * self.weight(bond) * grade / whole.axis.norm(),
             ..whole
         };
         match self.rounded {
@@ -391,6 +406,14 @@ impl BondedParticles {
         &self.radii
     }
 
+    pub(crate) fn unweighted_mass(&self) -> Arc<Vec<f64>> {
+        self.full_mass.clone()
+    }
+
+    pub(crate) fn shared_radii(&self) -> Arc<Vec<f64>> {
+        self.radii.clone()
+    }
+
     /// Mean radius \[m\]; in a rank's part of a partitioned body, the mean over the whole body.
     #[must_use]
     pub fn mean_radius(&self) -> f64 {
@@ -436,10 +459,10 @@ impl BondedParticles {
         (0..self.pairs.len()).map(|b| self.bond(b))
     }
 
-    /// Bond weights.
+    /// Weight of a bond.
     #[must_use]
-    pub fn weights(&self) -> &[f64] {
-        &self.weights
+    pub fn weight(&self, bond: usize) -> f64 {
+        self.weights.get(bond).copied().unwrap_or(1.0)
     }
 
     /// Masses, weights included \[kg\].
@@ -480,7 +503,7 @@ impl BondedParticles {
 
     /// Returns whether a bond sleeps.
     pub(crate) fn is_asleep(&self, bond: usize) -> bool {
-        self.sleeps && self.weights[bond] <= 0.0
+        self.sleeps && self.weight(bond) <= 0.0
     }
 
     /// The rows of [`Self::adjacency`] without bonds that sleep.

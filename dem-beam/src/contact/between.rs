@@ -46,7 +46,8 @@ impl ContactBetween {
     /// [`crate::Error::OutOfRange`] for parameters of the law.
     pub fn new(first: ContactBody, second: ContactBody, law: ContactLaw) -> Result<Self> {
         law.check()?;
-        let radii = || first.spheres.iter().chain(&*second.spheres).map(|s| s[3]);
+        let spheres = [&first, &second].map(|body| body.spheres.get());
+        let radii = || spheres.iter().flat_map(|s| s.iter()).map(|s| s[3]);
         let mean = radii().sum::<f64>() / radii().count() as f64;
         Ok(Self(Contacts {
             name: format!("contact {}-{}", first.name, second.name),

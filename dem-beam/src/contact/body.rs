@@ -3,15 +3,42 @@
 use super::neighbours;
 use crate::model::DemModel;
 use crate::packing::cells::Sphere;
-use arlequin_core::Model;
 use arlequin_core::contact::Exterior;
-use std::sync::Arc;
+use arlequin_core::{Interpolation, Model, ParticleField};
+use std::sync::{Arc, OnceLock};
+
+/// Spheres of a model at rest for all contacts of the model, made when the first one asks for them: most
+/// models have none.
+#[derive(Debug, Clone)]
+pub(crate) struct RestSpheres {
+    centres: Arc<ParticleField<f64>>,
+    radii: Arc<Vec<f64>>,
+    spheres: Arc<OnceLock<Arc<Vec<Sphere>>>>,
+}
+
+impl RestSpheres {
+    pub(crate) fn new(centres: Arc<ParticleField<f64>>, radii: Arc<Vec<f64>>) -> Self {
+        Self {
+            centres,
+            radii,
+            spheres: Arc::default(),
+        }
+    }
+
+    pub(crate) fn get(&self) -> Arc<Vec<Sphere>> {
+        let build = || {
+            let spheres = self.centres.nodes().iter().zip(&*self.radii);
+            Arc::new(spheres.map(|(x, r)| [x.x, x.y, x.z, *r]).collect())
+        };
+        self.spheres.get_or_init(build).clone()
+    }
+}
 
 /// The spheres of a model at rest with their masses: remains available when the model has moved into a run.
 #[derive(Debug, Clone)]
 pub struct ContactBody {
     pub(super) name: String,
-    pub(super) spheres: Arc<Vec<Sphere>>,
+    pub(super) spheres: RestSpheres,
     /// Unweighted masses \[kg\].
     pub(super) mass: Arc<Vec<f64>>,
 }
@@ -36,7 +63,7 @@ impl ContactBody {
     /// The spheres, for contact with the surface of another model.
     #[must_use]
     pub fn exterior(&self) -> Exterior {
-        Exterior::spheres(&self.name, &self.spheres)
+        Exterior::spheres(&self.name, &self.spheres.get())
     }
 
     /// Counts pairs of a particle of this and one of another model, displaced by `q` \[m\], that overlap
@@ -46,6 +73,6 @@ impl ContactBody {
     /// pairs.
     #[must_use]
     pub fn overlaps(&self, other: &Self, q: [&[f64]; 2], tolerance: f64) -> Option<(usize, f64)> {
-        neighbours::overlaps_between([&self.spheres, &other.spheres], q, tolerance)
+        neighbours::overlaps_between([&self.spheres.get(), &other.spheres.get()], q, tolerance)
     }
 }

@@ -33,9 +33,10 @@ pub(crate) struct Grains {
 impl Grains {
     /// Particles of a model at rest.
     pub(crate) fn new(body: ContactBody) -> Self {
+        let rest_spheres = body.spheres.get();
         Self {
-            now: body.spheres.to_vec(),
-            rest_spheres: body.spheres,
+            now: rest_spheres.to_vec(),
+            rest_spheres,
             unweighted_mass: body.mass,
             mass: Vec::new(),
             inverse_moment: Vec::new(),

@@ -35,6 +35,7 @@ pub use arlequin_core::contact::ContactLaw;
 pub(crate) use arlequin_core::contact::Spring;
 pub use between::ContactBetween;
 pub use body::ContactBody;
+pub(crate) use body::RestSpheres;
 pub(crate) use grains::{Grains, add, power};
 pub(crate) use sparse::Sparse;
 pub use touching::{DAMPED_CONTACTS, STIFF_CONTACTS};

@@ -36,6 +36,7 @@ pub use select::LoadShare;
 pub use select::TOUCH;
 
 use crate::bond::BeamMaterial;
+use crate::contact::RestSpheres;
 use crate::critical;
 use crate::error::{Error, Result};
 use crate::fracture::SharedLog;
@@ -43,7 +44,6 @@ use crate::fracture::state::FractureState;
 use crate::kernel::law::Linear;
 use crate::kernel::order::block_order;
 use crate::numbered::Numbered;
-use crate::packing::cells::{Sphere, spheres};
 use crate::packing::{Packing, PackingReport};
 use crate::particles::{BondedParticles, Contents, Matter};
 use arlequin_core::effect::Finding;
@@ -60,7 +60,7 @@ use lazy::Kernel;
 use nalgebra::{Point3, Vector3};
 use poses::Reader;
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Spheres joined by cohesive beams, a model that can be coupled.
 #[derive(Debug)]
@@ -71,7 +71,7 @@ pub struct DemModel {
     mass: Arc<Vec<f64>>,
     inertia: Vec<f64>,
     /// Spheres at rest for all contacts of the model, made when the first one asks for them.
-    spheres: OnceLock<Arc<Vec<Sphere>>>,
+    spheres: RestSpheres,
     /// Packing number of each of the model's particles, and the inverse map.
     order: Vec<u32>,
     places: Vec<u32>,
@@ -183,12 +183,11 @@ impl DemModel {
             BondedParticles::with_volumes(centres, radii, pairs, matter.density, matter.beam, &contents)?;
         // Nodes are the centres on the kernel's grid, about which the moments of bond forces balance.
         let nodes = body.positions().iter().map(|x| Point3::from(*x)).collect();
-        let field = ParticleField::new(nodes, &volumes)?.with_gradients(body.pairs())?;
+        let field = Arc::new(ParticleField::new(nodes, &volumes)?.with_gradients(body.pairs())?);
         Ok(Self {
             name: name.to_owned(),
-            field: Arc::new(field),
-            mass: Arc::new(body.mass().to_vec()),
-            spheres: OnceLock::new(),
+            mass: body.unweighted_mass(),
+            spheres: RestSpheres::new(field.clone(), body.shared_radii()),
             inertia: body.inertia().to_vec(),
             order,
             places,
@@ -201,6 +200,7 @@ impl DemModel {
             unit_bonds: portion::bonds_of_units(body.pairs(), body.len()),
             halo: None,
             numbered: None,
+            field,
             body,
         })
     }
@@ -228,7 +228,7 @@ impl DemModel {
         let (stiffness, density): (Vec<f64>, Vec<f64>) =
             self.centres().iter().map(|x| grades(x).into()).unzip();
         self.body.grade(&stiffness, &density)?;
-        self.mass = Arc::new(self.body.mass().to_vec());
+        self.mass = self.body.unweighted_mass();
         self.inertia = self.body.inertia().to_vec();
         self.kernel.renew();
         Ok(self)
@@ -277,9 +277,8 @@ impl DemModel {
         self.mass.clone()
     }
 
-    pub(crate) fn shared_spheres(&self) -> Arc<Vec<Sphere>> {
-        let build = || Arc::new(spheres(self.body.positions(), self.body.radii()));
-        self.spheres.get_or_init(build).clone()
+    pub(crate) fn shared_spheres(&self) -> RestSpheres {
+        self.spheres.clone()
     }
 
     /// Unweighted rotational inertias \[kg m²\].
@@ -353,7 +352,8 @@ impl Model<f64> for DemModel {
     }
 
     fn lumped_inertia(&self, weight: &dyn Weight<f64>, out: &mut [f64]) -> arlequin_core::Result<()> {
-        self.lump((weight, &self.bond_means(weight, None)?), out)
+        let means = self.bond_means(weight, None)?;
+        self.lump((weight, |b| means[b]), out)
     }
 
     /// Also resets the orientations to those at rest.
@@ -475,7 +475,7 @@ impl KeptMeans<f64> for DemModel {
         alpha: &dyn Weight<f64>,
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
-        self.lump((alpha, self.body.weights()), out)
+        self.lump((alpha, |b| self.body.weight(b)), out)
     }
 }
 

@@ -71,7 +71,7 @@ impl DemModel {
     /// Returns numerator and denominator of the scale of bond `b` without its weight.
     #[inline]
     pub(super) fn plain_scale(&self, b: usize) -> [f64; 2] {
-        match self.body.weights()[b] {
+        match self.body.weight(b) {
             // Divides the stiffness that the ledger counts, damage included, so that its rounding is the
             // same.
             weight if weight > 0.0 => [self.body.scale(b), weight],

@@ -17,7 +17,7 @@ impl DemModel {
     /// Returns whether bond `b` lies in an overlap, wholly or in part, and so carries only a share of the
     /// energy.
     pub(super) fn in_overlap(&self, b: usize) -> bool {
-        self.body.weights()[b] < WHOLE
+        self.body.weight(b) < WHOLE
     }
 
     /// Finds particles that lost all bonds in an overlap, and broken bonds there that opened by more than a

@@ -16,18 +16,18 @@ impl DemModel {
         weight: &dyn Weight<f64>,
         changed: Option<&Changed<f64>>,
     ) -> arlequin_core::Result<Vec<f64>> {
-        let mean = |(&[i, j], old): (&[u32; 2], &f64)| {
+        let mean = |(b, &[i, j]): (usize, &[u32; 2])| {
             let bond = Cell::Segment {
                 ends: [i, j].map(|k| self.body.positions()[k as usize].into()),
                 section: 1.0,
             };
             if changed.is_some_and(|changed| !changed(&bond.bounds())) {
-                return *old;
+                return self.body.weight(b);
             }
             let w = weight.mean(&bond);
             if w < 0.0 && w > -ROUND_OFF { 0.0 } else { w }
         };
-        let bonds = self.body.pairs().par_iter().zip(self.body.weights());
+        let bonds = self.body.pairs().par_iter().enumerate();
         let means: Vec<f64> = bonds.map(mean).collect();
         arlequin_core::check_finite("bond weights", &means)?;
         Ok(means)
@@ -41,11 +41,11 @@ impl DemModel {
         Ok(())
     }
 
-    /// Writes the inertia of each particle for weights of the bonds: a particle has the mean of its bonds,
+    /// Writes the inertia of each particle for the weights that `bonds` returns: a particle has the mean of its bonds,
     /// and one without bonds the weight at its centre.
     pub(super) fn lump(
         &self,
-        (weight, bonds): (&dyn Weight<f64>, &[f64]),
+        (weight, bonds): (&dyn Weight<f64>, impl Fn(usize) -> f64),
         out: &mut [f64],
     ) -> arlequin_core::Result<()> {
         check_size(self, "inertia", out.len())?;

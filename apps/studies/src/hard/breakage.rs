@@ -175,7 +175,9 @@ pub(super) fn coupled(cloud: &Cloud, spec: Fracture, start: &Start<'_>, extra: E
     let mut model = cloud.model()?.with_fracture(spec)?;
     // Weights of the bonds are read here, before the run takes the model.
     model.set_internal_weight(&*fine.internal)?;
-    let (log, weights) = (model.break_log(), model.body().weights().to_vec());
+    let body = model.body();
+    let weights: Vec<f64> = (0..body.pairs().len()).map(|b| body.weight(b)).collect();
+    let log = model.break_log();
     let places = model.places().to_vec();
     let n = model.layout().dofs();
     let (mut q, mut v) = (vec![0.0; n], vec![0.0; n]);

@@ -1,12 +1,14 @@
 //! Watched lists against lists of which every pair is measured in every step.
 
 use super::super::Spring;
-use super::super::body::ContactBody;
+use super::super::body::{ContactBody, RestSpheres};
 use super::super::grains::Grains;
 use super::super::neighbours::{Candidate, CrossList, Listed, rest_distance_of};
-use crate::packing::cells::Sphere;
+use crate::packing::cells::{Sphere, centre};
+use arlequin_core::ParticleField;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use std::sync::Arc;
 
 const SKIN: f64 = 0.4;
 
@@ -18,10 +20,14 @@ fn body(edge: usize, at: [f64; 3], random: &mut Pcg64) -> Grains {
         [x, y, z, random.random_range(0.9..1.0)]
     };
     let spheres: Vec<Sphere> = places.map(sphere).collect();
+    let ones = vec![1.0; spheres.len()];
+    let centres = spheres.iter().map(|s| centre(s).into()).collect();
+    let field = ParticleField::new(centres, &ones).expect("a field");
+    let radii = spheres.iter().map(|s| s[3]).collect();
     Grains::new(ContactBody {
         name: "body".into(),
-        mass: vec![1.0; spheres.len()].into(),
-        spheres: spheres.into(),
+        mass: ones.into(),
+        spheres: RestSpheres::new(Arc::new(field), Arc::new(radii)),
     })
 }
 
