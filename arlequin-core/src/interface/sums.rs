@@ -215,19 +215,11 @@ impl<'a, T: Real> Sampler<'a, T> {
         let Some(beyond) = &self.beyond else {
             return (None, false);
         };
-        let sleeps = |m: usize, node: usize| {
-            let components = self.sides[m].layout.components;
-            self.sides[m]
-                .sleeping
-                .is_some_and(|i| i[node * components] <= T::zero())
+        let asleep = |m: usize| {
+            let inertia = self.sides[m].sleeping?;
+            asleep_in(&cols[m], inertia, self.sides[m].layout.components)
         };
-        let [m, other] = [beyond.particles, 1 - beyond.particles];
-        // On a face, nodes beyond it have round-off; neighbours of a particle have gradients alone.
-        let sleeping = |m: usize| {
-            let mut read = cols[m].nodes.iter().zip(&cols[m].values);
-            read.find(|(node, n)| n.abs() > T::of(ROUND_OFF) && sleeps(m, **node))
-        };
-        (sleeping(m).map(|n| *n.0), sleeping(other).is_some())
+        (asleep(beyond.particles), asleep(1 - beyond.particles).is_some())
     }
 
     /// Adds samples to the sums. `cells`: cell of the mediator, coarse and fine field in which all of them
@@ -374,6 +366,15 @@ impl<'a, T: Real> Sampler<'a, T> {
     }
 }
 
+/// Returns the first node of a row that sleeps, by the `inertia` of all unknowns. On a face of an element, nodes
+/// beyond it have round-off; neighbours of a particle have gradients alone.
+fn asleep_in<T: Real>(row: &ShapeRow<T>, inertia: &[T], components: usize) -> Option<usize> {
+    let mut read = row.nodes.iter().zip(&row.values);
+    let asleep =
+        read.find(|(node, n)| n.abs() > T::of(ROUND_OFF) && inertia[**node * components] <= T::zero());
+    asleep.map(|(node, _)| *node)
+}
+
 fn evaluate<T: Real, F: Interpolation<T> + ?Sized>(
     field: &F,
     cell: usize,
@@ -385,5 +386,25 @@ fn evaluate<T: Real, F: Interpolation<T> + ?Sized>(
         field.shape_at(x, gradient, row)
     } else {
         field.shape_in(cell, x, gradient, row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_that_sleeps_counts_if_a_point_has_a_part_of_it() {
+        let inertia = [1.0, 1.0, 0.0, 0.0, 2.0, 2.0];
+        let row = |values: &[f64]| {
+            let mut row = ShapeRow::default();
+            values.iter().enumerate().for_each(|(k, n)| row.push(k, *n));
+            row
+        };
+        assert_eq!(asleep_in(&row(&[0.5, 0.05, 0.45]), &inertia, 2), Some(1));
+        // Beyond a face, as the linear continuation gives it.
+        assert_eq!(asleep_in(&row(&[0.7, -0.2, 0.5]), &inertia, 2), Some(1));
+        assert_eq!(asleep_in(&row(&[0.5, 1e-15, 0.5]), &inertia, 2), None);
+        assert_eq!(asleep_in(&row(&[0.5, 0.0, 0.5]), &inertia, 2), None);
     }
 }
