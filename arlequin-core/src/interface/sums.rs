@@ -209,8 +209,8 @@ impl<'a, T: Real> Sampler<'a, T> {
         w > floor && w < T::one() - floor
     }
 
-    /// Returns the particle at the present sample, which has the columns `cols`, if it sleeps, and whether the
-    /// other model sleeps there.
+    /// Returns the particle at the present sample, which has the columns `cols`, if it sleeps, and whether
+    /// the other model sleeps there.
     fn sleeps(&self, cols: &[ShapeRow<T>; 2]) -> (Option<usize>, bool) {
         let Some(beyond) = &self.beyond else {
             return (None, false);
@@ -304,8 +304,8 @@ impl<'a, T: Real> Sampler<'a, T> {
     /// Turns the sums into coupling matrices.
     ///
     /// # Errors
-    /// [`Error::OverhangingMediator`] if too much of the overlap lies outside of a model, [`Error::ZeroMass`] if
-    /// too many particles in it have no mass.
+    /// [`Error::OverhangingMediator`] if too much of the overlap lies outside of a model,
+    /// [`Error::ZeroMass`] if too many particles in it have no mass.
     fn finish(
         &self,
         [coarse, fine]: [Rows<T>; 2],
@@ -366,8 +366,8 @@ impl<'a, T: Real> Sampler<'a, T> {
     }
 }
 
-/// Returns the first node of a row that sleeps, by the `inertia` of all unknowns. On a face of an element, nodes
-/// beyond it have round-off; neighbours of a particle have gradients alone.
+/// Returns the first node of a row that sleeps, by the `inertia` of all unknowns. On a face of an element,
+/// nodes beyond it have round-off; neighbours of a particle have gradients alone.
 fn asleep_in<T: Real>(row: &ShapeRow<T>, inertia: &[T], components: usize) -> Option<usize> {
     let mut read = row.nodes.iter().zip(&row.values);
     let asleep =

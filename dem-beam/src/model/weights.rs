@@ -41,8 +41,8 @@ impl DemModel {
         Ok(())
     }
 
-    /// Writes the inertia of each particle for the weights that `bonds` returns: a particle has the mean of its bonds,
-    /// and one without bonds the weight at its centre.
+    /// Writes the inertia of each particle for the weights that `bonds` returns: a particle has the mean of
+    /// its bonds, and one without bonds the weight at its centre.
     pub(super) fn lump(
         &self,
         (weight, bonds): (&dyn Weight<f64>, impl Fn(usize) -> f64),

@@ -258,9 +258,11 @@ fn tied_with_finite_rotations<'a>(scene: &'a LoweredScene, name: &str) -> Option
         .interface
         .values()
         .flat_map(|i| [(&i.coarse, &i.fine), (&i.fine, &i.coarse)]);
-    let mut others = pairs.filter(|(own, _)| *own == name).map(|(_, other)| other);
-    let other = others.find(|other| scene.model.get(*other).is_some_and(|m| m.dem.finite_rotations))?;
-    Some(other)
+    let mut partners = pairs
+        .filter(|(model, _)| *model == name)
+        .map(|(_, partner)| partner);
+    let turns_freely = |partner: &&String| scene.model.get(*partner).is_some_and(|m| m.dem.finite_rotations);
+    partners.find(turns_freely).map(String::as_str)
 }
 
 /// Initial displacements and velocities of model `m`.

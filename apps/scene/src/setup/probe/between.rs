@@ -28,14 +28,14 @@ pub(super) fn shape_between(nodes: &[Point3<f64>], spacing: f64, x: &Point3<f64>
     }
     let mut reach = FIRST * spacing;
     loop {
-        let near = (0..nodes.len()).filter(|k| (nodes[*k] - x).norm() <= reach);
-        let near: Vec<usize> = near.collect();
-        let found = shape_among(nodes, &near, x);
-        if near.len() == nodes.len() {
-            return found;
+        let within = (0..nodes.len()).filter(|k| (nodes[*k] - x).norm() <= reach);
+        let particles: Vec<usize> = within.collect();
+        let shape = shape_among(nodes, &particles, x);
+        if particles.len() == nodes.len() {
+            return shape;
         }
         // Among few particles, a point may lie outside or have an open cell.
-        match found {
+        match shape {
             Ok(row) if 2.0 * cell_radius(nodes, &row, x, reach) <= reach => return Ok(row),
             _ => reach *= 2.0,
         }

@@ -115,8 +115,8 @@ impl Overlap<f64> for Layer {
     }
 
     /// Positions are smooth within an element. A tetrahedron that is an element, or one of those into which a
-    /// hexahedron with faces that are not plane is cut, needs no halving. A cell across several elements or in
-    /// a hexahedron, where positions are not linear, needs one. A cell across a border, as cells of natural
+    /// hexahedron with warped faces is cut, needs no halving. A cell across several elements or in a
+    /// hexahedron, where positions are not linear, needs one. A cell across a border, as cells of natural
     /// elements may be, needs two.
     fn place_of_cell(&self, cell: &Cell<f64>) -> Option<CellPlace> {
         let [low, high] = cell.bounds();
