@@ -76,6 +76,8 @@ pub(crate) struct Follow {
     homes: [Vec<u32>; 2],
     /// Bonds in each element.
     bonds_in: Adjacency,
+    /// For each bond: true if an end of it lies in the zone.
+    zone_bonds: Vec<bool>,
     /// Where the body's field is read for each sphere.
     places: Vec<Place>,
     /// Centres of the elements \[m\].
@@ -153,6 +155,7 @@ impl Follow {
             centres,
             homes: [of_spheres, of_bonds],
             bonds_in,
+            zone_bonds: Vec::new(),
             moving,
             mediator: None,
             every,
@@ -161,7 +164,7 @@ impl Follow {
             shares,
             first,
         };
-        out.rim = out.rim();
+        out.mark_zone(&built.run);
         let asleep = out.probes_asleep(built.run.time())?;
         built.warnings.extend(asleep);
         Ok(Some(out))
@@ -189,9 +192,14 @@ impl Follow {
         Ok(out)
     }
 
-    fn rim(&self) -> Vec<bool> {
+    /// Marks the rim and the bonds of the present zone.
+    fn mark_zone(&mut self, run: &Coupled<f64>) {
         let outside = self.state.core.iter().map(|core| !core).collect();
-        self.around(outside, self.moving.limits.margin + AHEAD)
+        self.rim = self.around(outside, self.moving.limits.margin + AHEAD);
+        let spheres = run.subdomains()[self.moving.models()[1]].model();
+        let pairs = spheres.views().breakable.map_or(&[][..], |b| b.parts());
+        let in_zone = |i: u32| self.shares[self.homes[0][i as usize] as usize] == Share::Zone;
+        self.zone_bonds = pairs.iter().map(|&[i, j]| in_zone(i) || in_zone(j)).collect();
     }
 
     /// Returns a warning, or the error that it is with `follow.strict`.
@@ -272,7 +280,7 @@ impl Follow {
             self.moving = moved;
         }
         self.state = saved;
-        self.rim = self.rim();
+        self.mark_zone(run);
         Ok(())
     }
 
@@ -302,7 +310,7 @@ impl Follow {
             seconds: since.elapsed().as_secs_f64(),
         });
         (self.moving, self.shares) = (moved, shares);
-        self.rim = self.rim();
+        self.mark_zone(run);
         Ok(())
     }
 }

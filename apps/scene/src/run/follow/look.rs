@@ -68,12 +68,7 @@ impl Follow {
         loud: &[bool],
     ) -> Result<[Loads; 2]> {
         let [body, spheres] = self.moving.models().map(|m| &run.subdomains()[m]);
-        let of_spheres = &self.homes[0];
-        let pairs = bonds.parts();
-        let in_zone = |b: u32| {
-            let ends = pairs[b as usize].map(|i| self.shares[of_spheres[i as usize] as usize]);
-            ends.contains(&Share::Zone)
-        };
+        let in_zone = |b: u32| self.zone_bonds[b as usize];
         let releases = self.moving.limits.release.is_some();
         let (mut awake, mut asleep) = (Vec::new(), Vec::new());
         for (e, loud) in loud.iter().enumerate() {
@@ -86,9 +81,11 @@ impl Follow {
                 asleep.extend(in_element().filter(|b| !in_zone(*b)));
             }
         }
-        let mut wanted = vec![false; of_spheres.len()];
+        let mut wanted = vec![false; self.homes[0].len()];
         for b in &asleep {
-            pairs[*b as usize].iter().for_each(|i| wanted[*i as usize] = true);
+            bonds.parts()[*b as usize]
+                .iter()
+                .for_each(|i| wanted[*i as usize] = true);
         }
         let in_field = bonds.utilisations(&self.field_at_spheres(&wanted, body, spheres)?, &asleep);
         let loads = bonds.utilisations(&spheres.state().q, &awake);
