@@ -13,6 +13,7 @@ use arlequin::dem_beam::fracture::SharedLog;
 use arlequin::fem_ref::Elastic;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
 /// Rigid bodies that one model touches, by the number of the effect.
 pub(crate) type RigidBodies = BTreeMap<usize, SharedBody>;
@@ -65,6 +66,8 @@ pub struct Grains {
     pub body: ContactBody,
     /// Properties of the packing.
     pub packing: PackingLine,
+    /// Number of probes at points so far.
+    pub(super) points: AtomicUsize,
     /// Surface that carries tractions and pressures.
     pub(super) skin: Skin,
 }

@@ -217,36 +217,47 @@ fn moved_models(scene: &LoweredScene, path: &str, i: &Initial) -> Result<BTreeSe
 /// Warns of spins that turn a model further than its small displacements allow, in a run up to time `last`
 /// \[s\].
 pub(super) fn wide_turns(scene: &LoweredScene, last: f64) -> Vec<String> {
-    let mut out = Vec::new();
+    // The spins of a model add up.
+    let mut spins: BTreeMap<usize, (Vector3<f64>, Vec<String>)> = BTreeMap::new();
     for (k, i) in scene.initial.iter().enumerate() {
         let Some(s) = &i.spin else { continue };
-        let turn = Vector3::from(s.rate).norm() * last;
         for m in moved_models(scene, &format!("initial[{k}]"), i).unwrap_or_default() {
-            let Some((name, table)) = scene.model.iter().nth(m) else {
-                continue;
-            };
-            // Only the program behind a link knows how far its law holds.
-            if kind(table.kind).is_remote() {
-                continue;
-            }
-            let begin = format!("model '{name}': initial[{k}].spin turns it by {turn:.2} rad, and");
-            let remedy = match kind(table.kind).has_spheres() {
-                true if table.dem.finite_rotations => continue,
-                true => "set dem.finite_rotations = true",
-                false => "take kind = \"dem\" with dem.finite_rotations = true, or a shorter run",
-            };
-            if turn > SMALL_TURN {
-                out.push(format!(
-                    "{begin} its law holds up to {SMALL_TURN} rad: beyond, it knows no centrifugal load and its points leave along \
-                     straight lines; {remedy}"
-                ));
-            } else if let Some(other) = tied_with_finite_rotations(scene, name).filter(|_| turn > TIED_TURN) {
-                out.push(format!(
-                    "{begin} its linear law lets it grow by {:.2} % as it turns; '{other}' with dem.finite_rotations is strained by \
-                     that: leave dem.finite_rotations out, or take a shorter run",
-                    50.0 * turn * turn
-                ));
-            }
+            let (rate, keys) = spins.entry(m).or_default();
+            *rate += Vector3::from(s.rate);
+            keys.push(format!("initial[{k}].spin"));
+        }
+    }
+    let mut out = Vec::new();
+    for (m, (rate, keys)) in spins {
+        let turn = rate.norm() * last;
+        let Some((name, table)) = scene.model.iter().nth(m) else {
+            continue;
+        };
+        // Only the program behind a link knows how far its law holds.
+        if kind(table.kind).is_remote() {
+            continue;
+        }
+        let verb = if keys.len() == 1 { "turns" } else { "turn" };
+        let begin = format!(
+            "model '{name}': {} {verb} it by {turn:.3} rad, and",
+            keys.join(" and ")
+        );
+        let remedy = match kind(table.kind).has_spheres() {
+            true if table.dem.finite_rotations => continue,
+            true => "set dem.finite_rotations = true",
+            false => "take kind = \"dem\" with dem.finite_rotations = true, or a shorter run",
+        };
+        if turn > SMALL_TURN {
+            out.push(format!(
+                "{begin} its law holds up to {SMALL_TURN} rad: beyond, it knows no centrifugal load and its points leave along \
+                 straight lines; {remedy}"
+            ));
+        } else if let Some(other) = tied_with_finite_rotations(scene, name).filter(|_| turn > TIED_TURN) {
+            out.push(format!(
+                "{begin} its linear law lets it grow by {:.2} % as it turns; '{other}' with dem.finite_rotations is strained by \
+                 that: leave dem.finite_rotations out, or take a shorter run",
+                50.0 * turn * turn
+            ));
         }
     }
     out

@@ -11,6 +11,7 @@ use crate::spec::{self, Effect, EffectKind, LooseKind};
 use arlequin::core::effect;
 use arlequin::dem_beam::{Contact, ContactBody, ContactLaw, DemModel, Obstacle};
 use std::collections::BTreeMap;
+use std::sync::atomic::AtomicUsize;
 
 /// Adds the strengths of the bonds to the model and builds the effects that depend on particles.
 pub(super) fn build(
@@ -48,6 +49,7 @@ pub(super) fn build(
             brittle: breaking.brittle,
             body,
             packing,
+            points: AtomicUsize::new(0),
             skin,
         },
     ))

@@ -245,7 +245,7 @@ fn what_a_first_scene_gets_wrong_is_named_with_its_remedy() {
     };
     let said = warnings(&disc("", 2e5), "spin turns it by");
     assert!(
-        said.len() == 1 && said[0].contains("0.20 rad") && said[0].contains("dem.finite_rotations = true"),
+        said.len() == 1 && said[0].contains("0.203 rad") && said[0].contains("dem.finite_rotations = true"),
         "{said:?}"
     );
     assert_eq!(warnings(&disc("", 5e4), "spin").len(), 0);
@@ -278,6 +278,18 @@ fn what_a_first_scene_gets_wrong_is_named_with_its_remedy() {
     );
     assert_eq!(warnings(&zone(free, 1e4), "spin turns").len(), 0);
     assert_eq!(warnings(&zone("", 3e4), "spin turns").len(), 0);
+    // Two spins add up, and may cancel.
+    let second = |rate: f64| {
+        zone(free, 1e4).replace(
+            "[time]",
+            &format!("[[initial]]\nmodels = [\"body\"]\nspin = {{ rate = [{rate:?}, 0.0, 0.0] }}\n[time]"),
+        )
+    };
+    assert_eq!(
+        warnings(&second(1e4), "initial[0].spin and initial[1].spin turn it by").len(),
+        1
+    );
+    assert_eq!(warnings(&second(-1e4), "initial[1].spin").len(), 0);
     // A ball in bricks has a border of steps, which cut the overlap short. The value that is told cures it.
     let ball = |width: f64| {
         format!(

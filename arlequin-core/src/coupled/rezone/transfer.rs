@@ -292,6 +292,27 @@ impl<T: Real> Sums<T> {
         }
     }
 
+    /// Adds the fine `nodes` around a coarse node at `x` with a cone as hat, `1 − d / R` at the distance `d`.
+    /// `node` returns the mass of a fine node and its motion.
+    fn add_cone(
+        &mut self,
+        x: &Point3<T>,
+        radius: T,
+        nodes: &[Point3<T>],
+        node: impl Fn(usize) -> (T, [[Vector3<T>; 2]; 2]),
+    ) {
+        for (i, y) in nodes.iter().enumerate() {
+            let arm = y - x;
+            let distance = arm.norm();
+            if distance < radius {
+                let (mass, motion) = node(i);
+                if mass > T::zero() {
+                    self.add(mass * (T::one() - distance / radius), &arm, motion);
+                }
+            }
+        }
+    }
+
     /// Value at the node of the linear function that fits best; `None` without fine nodes.
     fn fit(&self) -> Option<[Vector3<T>; 2]> {
         if self.weight <= T::zero() {
@@ -355,7 +376,11 @@ impl<T: Real> Means<T> {
         // The corner of a body may have one tetrahedron alone, and no fine node in it.
         for (j, sum) in sums.iter_mut().enumerate() {
             if wanted[j] && sum.weight <= T::zero() && givers[coarse].mass(j) <= T::zero() {
-                *sum = around(j, nodes, subdomains, givers, partners);
+                let radius = cone_radius(j, nodes);
+                for &p in partners {
+                    let node = |i: usize| (givers[p].mass(i), givers[p].motion(i));
+                    sum.add_cone(&nodes[j], radius, subdomains[p].model().nodes(), node);
+                }
             }
         }
         Ok(Self(sums))
@@ -379,30 +404,12 @@ impl<T: Real> Means<T> {
     }
 }
 
-/// Sums over the fine nodes around the coarse node `j` with a cone as hat, `1 − d / R` at the distance `d`,
-/// whose radius `R` is twice the distance to the nearest other coarse node.
-fn around<T: Real>(
-    j: usize,
-    nodes: &[Point3<T>],
-    subdomains: &[Subdomain<T>],
-    givers: &[Giver<T>],
-    partners: &[usize],
-) -> Sums<T> {
-    let x = &nodes[j];
+/// Radius of the cone that stands for the hat of the coarse node `j`: twice the distance to the nearest other
+/// coarse node.
+fn cone_radius<T: Real>(j: usize, nodes: &[Point3<T>]) -> T {
     let others = nodes.iter().enumerate().filter(|(k, _)| *k != j);
-    let distances = others.map(|(_, y)| (y - x).norm());
-    let radius = distances.reduce(T::min).unwrap_or_else(T::zero) * T::of(2.0);
-    let mut sums = Sums::new();
-    for &p in partners {
-        for (i, y) in subdomains[p].model().nodes().iter().enumerate() {
-            let arm = y - x;
-            let (distance, mass) = (arm.norm(), givers[p].mass(i));
-            if distance < radius && mass > T::zero() {
-                sums.add(mass * (T::one() - distance / radius), &arm, givers[p].motion(i));
-            }
-        }
-    }
-    sums
+    let distances = others.map(|(_, y)| (y - nodes[j]).norm());
+    distances.reduce(T::min).unwrap_or_else(T::zero) * T::of(2.0)
 }
 
 fn orphan<T: Real>(s: &Subdomain<T>, node: usize) -> Error {
@@ -581,5 +588,29 @@ mod tests {
                 assert!(gain < 2.5, "{} nodes, node {k}: {gain}", arms.len());
             }
         }
+    }
+
+    /// A corner of the body without a fine node in its elements.
+    #[test]
+    fn a_cone_takes_nodes_within_twice_the_distance_of_the_next_coarse_node() {
+        let x = |a: f64| Point3::new(a, 0.0, 0.0);
+        let radius = cone_radius(0, &[x(0.0), x(3.0), x(-1.0)]);
+        assert!((radius - 2.0).abs() < 1e-15, "{radius}");
+        let masses = [1.0, 2.0, 4.0, 0.0];
+        let mut sums = Sums::new();
+        let fine = [x(0.5), x(1.5), x(2.5), x(0.1)];
+        sums.add_cone(&x(0.0), radius, &fine, |i| {
+            (masses[i], [[Vector3::zeros(); 2]; 2])
+        });
+        let expected = 1.0 * 0.75 + 2.0 * 0.25;
+        assert!((sums.weight - expected).abs() < 1e-15, "{}", sums.weight);
+        // One node off the axes has a rigid motion with its rotation.
+        let (flight, turn) = (Vector3::new(3.0, -1.0, 2.0), Vector3::new(0.2, -0.5, 0.7));
+        let arm = Vector3::new(0.3, 0.5, -0.4);
+        let mut sums = Sums::new();
+        let moved = flight + turn.cross(&arm);
+        sums.add_cone(&x(0.0), radius, &[arm.into()], |_| (1.0, [[moved; 2], [turn; 2]]));
+        let [u, _] = sums.fit().expect("a node");
+        assert!((u - flight).norm() < 1e-14, "{u}");
     }
 }

@@ -138,6 +138,30 @@ mod tests {
         }
     }
 
+    /// Six lone particles close the cell of a point in a hole, whose wall cuts its corners.
+    #[test]
+    fn particles_beyond_those_that_close_a_cell_cut_it() {
+        let middle = Point3::new(10.0, 10.0, 10.0);
+        let mut nodes = particles([21, 21, 21]);
+        nodes.retain(|x| (x - middle).norm() > 6.0);
+        for axis in 0..3 {
+            for side in [-4.0, 4.0] {
+                let mut x = middle;
+                x[axis] += side;
+                nodes.push(x);
+            }
+        }
+        let x = middle + Vector3::new(0.1, -0.2, 0.15);
+        let whole = NaturalField::from_points(&nodes, Interpolant::Laplace).expect("a field");
+        let mut row = ShapeRow::default();
+        whole.shape_at(&x, false, &mut row).expect("inside");
+        let mut found = shape_between(&nodes, 1.0, &x).expect("inside").nodes;
+        row.nodes.sort_unstable();
+        found.sort_unstable();
+        assert!(row.nodes.len() > 6, "{:?}", row.nodes);
+        assert_eq!(row.nodes, found);
+    }
+
     #[test]
     fn a_point_outside_is_refused() {
         let nodes = particles([9, 9, 9]);

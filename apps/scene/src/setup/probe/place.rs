@@ -6,6 +6,10 @@ use crate::setup::body::Body;
 use crate::setup::shapes::corners;
 use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::Point3;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// Number of points of a model whose surroundings are looked at one by one.
+const FEW: usize = 32;
 
 /// Nodes and shape functions at a point.
 ///
@@ -18,8 +22,9 @@ pub(in crate::setup) fn placed(
     body: &Body,
 ) -> Result<(Vec<usize>, Vec<f64>)> {
     let x = Point3::from(*point);
-    // Particles have values at their centres alone.
-    let located = if body.grains.is_some() && body.field.samples().is_some() {
+    // Particles have values at their centres alone. For many points, tetrahedra of all of them pay.
+    let particles = body.grains.as_ref().filter(|_| body.field.samples().is_some());
+    let located = if particles.is_some_and(|g| g.points.fetch_add(1, Relaxed) < FEW) {
         shape_between(body.model.nodes(), body.spacing, &x)
     } else {
         let mut row = ShapeRow::default();

@@ -158,3 +158,61 @@ impl Overlap<f64> for Layer {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arlequin::core::Interpolation;
+    use arlequin::core::geometry::Cell;
+    use arlequin::fem_ref::{FemField, generate};
+
+    /// Three cubes in a row: the zone's, one of the overlap, and the body's.
+    fn layer(kind: ElementKind) -> Layer {
+        let high = Point3::new(3.0, 1.0, 1.0);
+        let mesh = generate::block(kind, Point3::origin(), high, [3, 1, 1]).expect("a block");
+        let owner = |e: usize| {
+            let nodes = mesh.element(e).iter();
+            let middle = nodes.map(|k| mesh.nodes()[*k as usize].x).sum::<f64>() / kind.corners() as f64;
+            match middle as usize {
+                0 => Owner::Zone(0),
+                1 => Owner::Both(0),
+                _ => Owner::Body,
+            }
+        };
+        let owners = (0..mesh.element_count()).map(owner).collect();
+        let positions = mesh.nodes().iter().map(|x| (x.x - 1.0).clamp(0.0, 1.0)).collect();
+        Layer {
+            field: Arc::new(FemField::new(mesh)),
+            owners: Arc::new(owners),
+            positions: Arc::new(positions),
+            zone: 0,
+            bounds: [Point3::new(-0.1, -0.1, -0.1), Point3::new(3.1, 1.1, 1.1)],
+            skin: Faces::new(Vec::new()),
+            below: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn cells_are_halved_as_often_as_positions_bend_in_them() {
+        for (kind, halved) in [(ElementKind::Hex8, 1), (ElementKind::Tet4, 0)] {
+            let layer = layer(kind);
+            for (e, cell) in layer.field.cells().iter().enumerate() {
+                let place = layer.place_of_cell(cell).expect("a place");
+                let expected = match layer.owners[e] {
+                    Owner::Zone(_) => CellPlace::Fine,
+                    Owner::Both(_) => CellPlace::Halved(halved),
+                    Owner::Body => CellPlace::Coarse,
+                };
+                assert_eq!(place, expected, "{kind:?} {e}");
+            }
+            let bond = |ends: [f64; 2]| {
+                let ends = ends.map(|x| Point3::new(x, 0.4, 0.3));
+                layer.place_of_cell(&Cell::Segment { ends, section: 1.0 })
+            };
+            assert_eq!(bond([0.2, 0.7]), Some(CellPlace::Fine));
+            assert_eq!(bond([1.1, 1.8]), Some(CellPlace::Halved(1)));
+            assert_eq!(bond([1.7, 2.3]), Some(CellPlace::Halved(2)));
+            assert_eq!(bond([2.1, 2.8]), Some(CellPlace::Coarse));
+        }
+    }
+}
