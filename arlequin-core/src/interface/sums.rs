@@ -31,8 +31,8 @@ const SAMPLES: usize = 128;
 /// Tasks in flight. A batch is merged before the next one starts, so that dense blocks stay small beside the
 /// matrices.
 const BATCH: usize = 1024;
-/// Share of the sampled measure up to which particles may sleep: those at the border, and those that two
-/// elements hold.
+/// Largest share of the sampled measure that particles which sleep may have: particles at the border, and
+/// particles in places that two elements hold.
 const ASLEEP: f64 = 0.04;
 /// Shape functions up to this are round-off: on a face of an element, those of the nodes that are not on it.
 const ROUND_OFF: f64 = 1e-12;
@@ -75,8 +75,9 @@ pub(super) struct Tally<T> {
     measure: T,
     reached: T,
     lost: T,
-    /// Measure of particles that sleep, and the first of them.
+    /// Measure of particles that sleep.
     asleep: T,
+    /// The first particle that sleeps.
     first_asleep: Option<usize>,
 }
 

@@ -66,7 +66,7 @@ pub struct Grains {
     pub body: ContactBody,
     /// Properties of the packing.
     pub packing: PackingLine,
-    /// Number of probes at points so far.
+    /// Number of probes that have been placed at points of this model.
     pub(super) points: AtomicUsize,
     /// Surface that carries tractions and pressures.
     pub(super) skin: Skin,

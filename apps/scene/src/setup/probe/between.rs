@@ -11,7 +11,7 @@ use arlequin::core::geometry::{HalfSpace, Polyhedron};
 use arlequin::core::nalgebra::{Point3, Vector3, center};
 use arlequin::core::{Error, Interpolation, Result, ShapeRow};
 
-/// Distance within which particles are taken at first, in spacings: some 400 of them.
+/// First radius of the search for particles, in spacings: about 500 particles lie within it.
 const FIRST: f64 = 5.0;
 
 /// Shape functions of the particles at `nodes` at the point `x`; `spacing` is the particles' \[m\].
@@ -56,10 +56,10 @@ fn shape_among(nodes: &[Point3<f64>], among: &[usize], x: &Point3<f64>) -> Resul
     Ok(row)
 }
 
-/// Largest distance from `x` of its Voronoi cell \[m\], if no more than `reach` along each axis.
+/// Radius of the Voronoi cell of `x`: the largest distance of its corners from `x` \[m\]. The cell is cut off
+/// at the distance `reach` along each axis.
 fn cell_radius(nodes: &[Point3<f64>], row: &ShapeRow<f64>, x: &Point3<f64>, reach: f64) -> f64 {
-    let corners =
-        [[0, 0], [1, 0], [1, 1], [0, 1]].map(|c| c.map(|c| f64::from(c).mul_add(2.0, -1.0) * reach));
+    let corners = [[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]];
     let corner = |k: usize| {
         let ([a, b], up) = (corners[k % 4], if k < 4 { -reach } else { reach });
         x + Vector3::new(a, b, up)
@@ -138,7 +138,8 @@ mod tests {
         }
     }
 
-    /// Six lone particles close the cell of a point in a hole, whose wall cuts its corners.
+    /// Six particles in a hole bound the Voronoi cell of a point in its middle. The particles of the wall lie
+    /// beyond the first radius of the search, and still cut the corners of the cell.
     #[test]
     fn particles_beyond_those_that_close_a_cell_cut_it() {
         let middle = Point3::new(10.0, 10.0, 10.0);

@@ -8,7 +8,8 @@ use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::Point3;
 use std::sync::atomic::Ordering::Relaxed;
 
-/// Number of points of a model whose surroundings are looked at one by one.
+/// Number of probes of a model up to which each one looks for the particles around its point. More probes
+/// share the tetrahedra of all particles.
 const FEW: usize = 32;
 
 /// Nodes and shape functions at a point.
