@@ -110,7 +110,8 @@ impl<'a, T: Real, F: Interpolation<T> + ?Sized> Reach<'a, T, F> {
         }
     }
 
-    fn nearest(&self, x: &Point3<T>) -> Vec<usize> {
+    /// Up to eight nodes of the field nearest to a point, the nearest first.
+    pub(crate) fn nearest(&self, x: &Point3<T>) -> Vec<usize> {
         let nodes = self.field.nodes();
         let wanted = NODES.min(nodes.len());
         let mut nodes_around = Vec::new();

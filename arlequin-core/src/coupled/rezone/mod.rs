@@ -14,6 +14,7 @@
 //! the invariant is a work of its own in the ledger, so that the balance closes to round-off; its parts tell
 //! where it comes from. `docs/design/moving-zones.md` has the reasons and the measured sizes.
 
+mod fit;
 mod rigid;
 mod transfer;
 
