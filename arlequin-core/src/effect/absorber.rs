@@ -269,18 +269,10 @@ impl<T: Real> EffectSpec<T> for Absorber<T> {
         if let Some(bad) = rates.iter().find(|r| !(**r >= T::zero() && r.is_finite())) {
             return Err(invalid("absorber rate", bad, "must be finite and not negative"));
         }
-        // Nodes without damping change nothing.
-        let mut damped = rates.iter().map(|r| *r > T::zero());
-        shapes.retain(|_| damped.next().unwrap_or_default());
-        let rates = || rates.iter().copied().filter(|r| *r > T::zero());
+        let (shapes, damping) = damped(shapes, &rates);
         let nodes: Vec<usize> = shapes.iter().map(|s| s.0.node).collect();
         let n = shape_matrix(&shapes);
-        let damping = shapes
-            .iter()
-            .zip(rates())
-            .map(|(s, rate)| s.0.mass * rate)
-            .collect();
-        let top = rates().fold(T::zero(), T::max);
+        let top = rates.into_iter().fold(T::zero(), T::max);
         let absorber = AttachedAbsorber::new(layout.components, &n, &nodes, damping, top);
         let absorber = absorber.ok_or_else(|| {
             let counts = format!("{} resolved unknowns for {} nodes", n.cols(), n.rows());
@@ -340,6 +332,17 @@ impl<T: Real> Absorber<T> {
         };
         Ok(rows.map(place).collect())
     }
+}
+
+/// Nodes that are damped, and `m η` of each. Others change nothing, and functions that touch no damped node
+/// would be undetermined: a node that sleeps has no mass.
+fn damped<T: Real>(shapes: Vec<Shaped<T>>, rates: &[T]) -> (Vec<Shaped<T>>, Vec<T>) {
+    let nodes = shapes.into_iter().zip(rates);
+    let damping = nodes.map(|(s, rate)| (s.0.mass * *rate, s));
+    damping
+        .filter(|(damping, _)| *damping > T::zero())
+        .map(|(damping, s)| (s, damping))
+        .unzip()
 }
 
 /// Shape functions at nodes, a row per node. Only functions that touch a node take part: others would make
@@ -519,6 +522,27 @@ mod tests {
         }
         let square = square.to_csr();
         assert!(AttachedAbsorber::new(1, &square, &nodes[..3], damping[..3].to_vec(), 4.0).is_none());
+    }
+
+    /// The third node sleeps and the first lies at the border; only they touch the last function.
+    #[test]
+    fn nodes_without_mass_or_rate_do_not_count() {
+        let shaped = |node: usize, mass: f64, entries: &[(usize, f64)]| {
+            let x = Point3::new(node as f64, 0.0, 0.0);
+            (Place { node, x, mass }, entries.to_vec())
+        };
+        let shapes = vec![
+            shaped(4, 2.0, &[(0, 0.5), (7, 0.5)]),
+            shaped(5, 3.0, &[(0, 0.75), (3, 0.25)]),
+            shaped(6, 0.0, &[(7, 1.0)]),
+            shaped(8, 5.0, &[(0, 1.0)]),
+        ];
+        let (shapes, damping) = damped(shapes, &[0.0, 10.0, 20.0, 30.0]);
+        let nodes: Vec<_> = shapes.iter().map(|s| s.0.node).collect();
+        assert_eq!((nodes, &damping), (vec![5, 8], &vec![30.0, 150.0]));
+        let n = shape_matrix(&shapes);
+        assert_eq!((n.rows(), n.cols()), (2, 2));
+        assert!(factor(&n, &damping).is_some());
     }
 
     /// The rearranged force is `−(I − P)ᵀ D (I − P) v` for any number of components; fields of the resolved
