@@ -171,7 +171,7 @@ pub struct WallSeconds {
 pub struct Energy {
     /// Kinetic plus internal energy at the start.
     pub initial: f64,
-    /// Kinetic plus internal energy at the end.
+    /// Kinetic plus internal energy at the end; of a run that failed, at the last sample before.
     #[serde(rename = "final")]
     pub last: f64,
     /// Largest drift of the discrete invariant, relative to the energy in play \[–\].

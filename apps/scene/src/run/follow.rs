@@ -274,7 +274,7 @@ impl Follow {
         if !saved.conversions.is_empty() {
             let moved = self.moving.moved(&saved.core, &self.barred)?;
             let (change, mediator) = moved.rezoning(&self.moving)?;
-            run.rezone(change).map_err(core("zone"))?;
+            run.rezone(change).map_err(core(self.key()))?;
             self.mediator = Some(mediator);
             self.shares = moved.shares()?;
             self.moving = moved;
@@ -282,6 +282,11 @@ impl Follow {
         self.state = saved;
         self.mark_zone(run);
         Ok(())
+    }
+
+    /// Key of the scene that asks for changes of weights.
+    fn key(&self) -> String {
+        format!("zone.{}.follow", self.moving.name)
     }
 
     /// Changes the weights of the run to those of a moved zone, which has these shares of the elements.
@@ -294,7 +299,7 @@ impl Follow {
         let cells = |shares: &[Share]| shares.iter().filter(|s| **s == Share::Zone).count();
         let before = cells(&self.shares);
         let (change, mediator) = moved.rezoning(&self.moving)?;
-        let done = run.rezone(change).map_err(core("time"))?;
+        let done = run.rezone(change).map_err(core(self.key()))?;
         self.mediator = Some(mediator);
         // The overlap may take elements of its own accord: what the zone has is what the division says.
         self.state.core = shares.iter().map(|s| *s == Share::Zone).collect();

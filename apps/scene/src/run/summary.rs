@@ -40,6 +40,11 @@ impl Session<'_> {
         let (run, r) = (&self.run, &self.recorder);
         let [stepping, observing] = self.clock.split();
         let plan = run.plan();
+        let last = match status {
+            // A change of weights that failed leaves models that nothing ties.
+            Status::Failed(_) => run.last_energy().map_or(r.initial_energy, |e| e.total()),
+            Status::Ended(_) => run.energy(),
+        };
         Summary {
             scene: self.scene.source().path.display().to_string(),
             title: self.scene.spec().title.clone(),
@@ -76,7 +81,7 @@ impl Session<'_> {
             peak_bytes: process_bytes("VmHWM:"),
             energy: Energy {
                 initial: r.initial_energy,
-                last: run.energy(),
+                last,
                 h_drift_max: run.drift(),
                 h_drift_explained: run.explained_drift(),
                 unknown: run.unknown_energies(),

@@ -497,3 +497,34 @@ fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
         &["bulk_viscosity needs a solid", "'bar'", "stiffness_damping"],
     );
 }
+
+/// A notch of seven spacings' width, and one of a spacing, which a probe bridges.
+#[test]
+fn a_probe_in_the_void_of_a_notch_is_refused() {
+    let scene = |half: f64| {
+        let cut = [2e-3 - half, 2e-3 + half];
+        format!(
+            "[model.plate]\nkind = \"dem\"\nspacing = 0.5e-3\n\
+             shape.box = {{ low = [0.0, 0.0, 0.0], high = [6e-3, 4e-3, 2e-3] }}\n\
+             material = {{ young = 72.5e9, poisson = 0.17, density = 2200.0 }}\n\
+             dem.notch = [{{ low = [-1e-3, {:e}, -1e-3], high = [3e-3, {:e}, 3e-3] }}]\n\
+             [probe.p]\nmodel = \"plate\"\nat = [1.5e-3, 2e-3, 1e-3]\ncomponent = \"y\"\n\
+             [[initial]]\nvelocity.uniform = [0.0, 0.0, 0.0]\n[time]\nend = 1e-7\n",
+            cut[0], cut[1]
+        )
+    };
+    let built = |half: f64| Scene::from_text(&scene(half)).and_then(|s| s.prepare());
+    let Err(e) = built(1.75e-3) else {
+        panic!("a probe in a void is taken");
+    };
+    assert_eq!(e.place().0, Some("probe.p.at"), "{e}");
+    let words = [
+        "lies in no part of model 'plate'",
+        "nearest node is",
+        "move the probe into the model",
+    ];
+    for word in words {
+        assert!(e.to_string().contains(word), "{e}");
+    }
+    assert!(built(0.25e-3).is_ok());
+}

@@ -4,13 +4,16 @@ use super::between::shape_between;
 use crate::error::{Error, Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::shapes::corners;
-use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::Point3;
+use arlequin::core::{ShapeRow, outside as beyond};
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Number of probes of a model up to which each one looks for the particles around its point. More probes
 /// share the tetrahedra of all particles.
 const FEW: usize = 32;
+/// Distance to the nearest particle, in spacings, from which on a point lies in a notch or a hole. Between
+/// packed spheres it is less than one; across a gap, a mean of both sides would be no motion of either.
+const VOID: f64 = 1.5;
 
 /// Nodes and shape functions at a point.
 ///
@@ -25,12 +28,22 @@ pub(in crate::setup) fn placed(
     let x = Point3::from(*point);
     // Particles have values at their centres alone. For many points, tetrahedra of all of them pay.
     let particles = body.grains.as_ref().filter(|_| body.field.samples().is_some());
+    let nodes = body.model.nodes();
     let located = if particles.is_some_and(|g| g.points.fetch_add(1, Relaxed) < FEW) {
-        shape_between(body.model.nodes(), body.spacing, &x)
+        shape_between(nodes, body.spacing, &x)
     } else {
         let mut row = ShapeRow::default();
         body.field.shape_at(&x, false, &mut row).map(|()| row)
     };
+    // The nearest particle is a natural neighbour.
+    let in_void = |row: &ShapeRow<f64>| {
+        let distances = row.nodes.iter().map(|k| (nodes[*k] - x).norm());
+        particles.is_some() && distances.fold(f64::INFINITY, f64::min) > VOID * body.spacing
+    };
+    let located = located.and_then(|row| match in_void(&row) {
+        true => Err(beyond(&x, "particle")),
+        false => Ok(row),
+    });
     let row = located.map_err(|e| outside(path, model_name, &x, body, e))?;
     Ok((row.nodes, row.values))
 }
