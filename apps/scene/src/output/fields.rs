@@ -35,7 +35,8 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
         true => s.model().nodes().len(),
         false => 0,
     };
-    8 * (nodes
+    // In single precision.
+    4 * (nodes
         + densities
         + if fields.contains(&OutputField::BondForces) {
             3 * bonds
@@ -122,6 +123,7 @@ pub(super) fn recovered(
         let array = Array {
             name: name.into(),
             components,
+            derived: true,
             values: at_points(s, piece, components, values)?.into(),
         };
         out.push((k, array));
@@ -177,6 +179,7 @@ pub(super) fn contacts(
     Ok(any.then(|| Array {
         name: "contact force [N]".into(),
         components: 3,
+        derived: true,
         values: forces.into(),
     }))
 }

@@ -193,7 +193,7 @@ impl Frames {
     /// Bytes of one frame, without headers.
     pub fn bytes_per_frame(&self) -> usize {
         // Per point position and multiplier, per cell a 4-byte offset and a 1-byte type.
-        let mediator = |v: &Grid| 48 * v.points.len() + 4 * v.connectivity.len() + 5 * v.cells();
+        let mediator = |v: &Grid| 36 * v.points.len() + 4 * v.connectivity.len() + 5 * v.cells();
         let models = self.models.iter().map(|m| m.bytes(&self.fields));
         models.sum::<usize>() + self.mediators.iter().map(mediator).sum::<usize>()
     }
@@ -321,6 +321,7 @@ impl Frames {
             let lambda = Array {
                 name: "multiplier".into(),
                 components: 3,
+                derived: true,
                 values: vectors(i.multipliers().into(), i.components(), grid.points.len()),
             };
             let picture = Picture {
@@ -347,6 +348,7 @@ impl Frames {
             let array = |name: &str, value: &dyn Fn(&Point3<f64>) -> Vector3<f64>| Array {
                 name: name.into(),
                 components: 3,
+                derived: false,
                 values: p.grid.points.iter().flat_map(|x| value(x).data.0[0]).collect(),
             };
             let arrays = vec![

@@ -90,14 +90,15 @@ impl Painter {
     pub(super) fn bytes(&self, fields: &[OutputField]) -> usize {
         let fixed = 24 * self.grid.points.len() + 4 * self.grid.connectivity.len() + 5 * self.grid.cells();
         let weights = if fields.contains(&OutputField::Weights) {
-            24
+            12
         } else {
             0
         };
         let densities = self.centres.as_ref().map_or(0, Vec::len);
         fixed
             + (48 + weights) * self.grid.points.len()
-            + 8 * (densities + self.grid.radii.len())
+            + 4 * densities
+            + 8 * self.grid.radii.len()
             + self.recovered
     }
 
@@ -113,10 +114,14 @@ impl Painter {
         let vector = |name: &str, values: Cow<'a, [f64]>| Array {
             name: name.into(),
             components: 3,
+            derived: false,
             values: vectors(values, count, self.grid.points.len()),
         };
         if !self.grid.radii.is_empty() {
-            points.push(Array::scalar("radius [m]", &self.grid.radii));
+            points.push(Array {
+                derived: false,
+                ..Array::scalar("radius [m]", &self.grid.radii)
+            });
         }
         for field in fields {
             match (field, &self.centres) {
@@ -128,6 +133,7 @@ impl Painter {
                     values: (&*w.values).into(),
                     name: w.name.clone(),
                     components: w.components,
+                    derived: w.derived,
                 })),
                 (OutputField::EnergyDensity, Some(centres)) => {
                     let densities = centres.iter().map(|cell| density(cell, &seen.q, count));

@@ -153,7 +153,7 @@ fn arrays(path: &Path) -> Arrays {
 fn size_of(kind: &str) -> usize {
     match kind {
         "UInt8" => 1,
-        "Int32" => 4,
+        "Int32" | "Float32" => 4,
         "Int64" | "Float64" => 8,
         other => panic!("numbers of kind {other}"),
     }

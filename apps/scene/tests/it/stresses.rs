@@ -272,10 +272,13 @@ fn frames_show_rigid_bodies_and_the_forces_of_contact() {
         let start = bytes.windows(mark.len()).position(|w| w == mark).expect("data") + mark.len() + offset;
         let size = u64::from_le_bytes(bytes[start..start + 8].try_into().expect("eight")) as usize;
         let data = &bytes[start + 8..start + 8 + size];
-        data.chunks_exact(8)
-            .skip(skip)
-            .map(|b| f64::from_le_bytes(b.try_into().expect("eight")))
-            .collect()
+        let single = head[..head_at].ends_with("type=\"Float32\" ");
+        let number = |b: &[u8]| match single {
+            true => f64::from(f32::from_le_bytes(b.try_into().expect("four"))),
+            false => f64::from_le_bytes(b.try_into().expect("eight")),
+        };
+        let numbers = data.chunks_exact(if single { 4 } else { 8 });
+        numbers.skip(skip).map(number).collect()
     };
     let ball = "rigid-my-ball-grains-0_00000100.vtu";
     let surface = arrays(ball, "position [m]", 0);

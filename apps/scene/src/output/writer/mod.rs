@@ -55,15 +55,19 @@ pub struct Array<'a> {
     pub components: usize,
     /// Values.
     pub values: Cow<'a, [f64]>,
+    /// True for what follows from displacements and velocities: files hold it in single precision, with seven
+    /// digits and half of the bytes.
+    pub derived: bool,
 }
 
 impl<'a> Array<'a> {
-    /// One number per point or cell.
+    /// One derived number per point or cell.
     pub(super) fn scalar(name: &str, values: impl Into<Cow<'a, [f64]>>) -> Self {
         Self {
             name: name.into(),
             components: 1,
             values: values.into(),
+            derived: true,
         }
     }
 
@@ -73,6 +77,7 @@ impl<'a> Array<'a> {
             values: Cow::default(),
             name: self.name,
             components: self.components,
+            derived: self.derived,
         }
     }
 
@@ -83,6 +88,7 @@ impl<'a> Array<'a> {
             values: self.values.into_owned().into(),
             name: self.name,
             components: self.components,
+            derived: self.derived,
         }
     }
 }

@@ -61,10 +61,18 @@ impl<'a> Appended<'a> {
 
     fn floats(&mut self, array: &'a Array<'_>) {
         let values = &*array.values;
-        let fill = move |first: usize, slots: &mut [[u8; 8]]| {
-            copy(slots, &values[first..], |x: &f64| x.to_le_bytes());
-        };
-        self.add("Float64", &array.name, array.components, values.len(), fill);
+        let (kind, name, count) = (float_kind(array), &array.name, values.len());
+        if array.derived {
+            self.add(kind, name, array.components, count, move |first, slots| {
+                // Clamped: beyond the largest number of single precision a value would become infinite.
+                let single = |x: &f64| x.clamp(f32::MIN.into(), f32::MAX.into()) as f32;
+                copy(slots, &values[first..], |x| single(x).to_le_bytes());
+            });
+        } else {
+            self.add(kind, name, array.components, count, move |first, slots| {
+                copy(slots, &values[first..], |x| x.to_le_bytes());
+            });
+        }
     }
 
     fn numbers(&mut self, name: &str, values: &'a [u32]) {
@@ -114,6 +122,11 @@ fn hide<'a>(a: &mut Appended<'a>, arrays: &'a [Array<'_>], mark: u8) {
             copy(slots, &x.values[first..], |v| [if *v > 0.0 { mark } else { 0 }]);
         });
     }
+}
+
+/// Data type of an array of floating-point numbers.
+fn float_kind(array: &Array<'_>) -> &'static str {
+    if array.derived { "Float32" } else { "Float64" }
 }
 
 /// Returns the attributes of an array: type, name and number of components.
@@ -198,7 +211,7 @@ impl Writer for Vtu {
              header_type=\"UInt64\">\n  <PUnstructuredGrid GhostLevel=\"0\">\n",
         );
         let [points, cells] = arrays;
-        let float = |a: &Array<'_>| array_attributes("Float64", &a.name, a.components);
+        let float = |a: &Array<'_>| array_attributes(float_kind(a), &a.name, a.components);
         let number = |name: &str| array_attributes(NUMBER, name, 1);
         let point_arrays = [number(POINT_NUMBERS), array_attributes("UInt8", GHOSTS, 1)];
         for (section, name, arrays) in [
