@@ -13,6 +13,9 @@ use super::mark::{self, FileList, Mark};
 use crate::error::{Error, Result, value, write};
 use std::path::{Path, PathBuf};
 
+/// Ending of a folder until its run has ended.
+const UNFINISHED: &str = "unfinished";
+
 /// Target folder of a run, with the paths that must never be replaced.
 #[derive(Debug, Clone)]
 pub struct Place {
@@ -42,7 +45,7 @@ impl Place {
         if target.file_name().is_none() {
             return Err(value("--out", target.display(), "must name a folder to create"));
         }
-        let (partial, earlier) = (with_ending(target, "unfinished"), with_ending(target, "replaced"));
+        let (partial, earlier) = (with_ending(target, UNFINISHED), with_ending(target, "replaced"));
         if mark::is_busy(&partial) {
             return Err(Error::Busy { folder: partial });
         }
@@ -120,7 +123,7 @@ impl Folder {
     /// Creates the folder that will become the target of `place`.
     pub fn begin(place: Place) -> Result<Self> {
         place.check()?;
-        let partial = with_ending(&place.target, "unfinished");
+        let partial = with_ending(&place.target, UNFINISHED);
         let earlier = with_ending(&place.target, "replaced");
         if earlier.exists() {
             refuse_foreign(&earlier)?;
@@ -153,19 +156,29 @@ impl Folder {
 
     /// Path at which files are written until the run has ended.
     pub fn unfinished(target: &Path) -> PathBuf {
-        with_ending(target, "unfinished")
+        with_ending(target, UNFINISHED)
+    }
+
+    /// Path that the results of a run get that left `folder` behind: users may name it as a run that has not
+    /// ended is named.
+    pub fn target(folder: &Path) -> PathBuf {
+        let goes_on = folder.extension().is_some_and(|e| e == UNFINISHED);
+        match goes_on && folder.join(mark::CHECKPOINT).exists() {
+            true => folder.with_extension(""),
+            false => folder.to_owned(),
+        }
     }
 
     /// Path that has the checkpoint of a killed or interrupted run.
     pub fn left_behind(target: &Path) -> PathBuf {
-        Some(with_ending(target, "unfinished"))
+        Some(with_ending(target, UNFINISHED))
             .filter(|p| p.exists())
             .unwrap_or_else(|| target.to_owned())
     }
 
     /// Reopens the folder of a run that was killed, interrupted or failed.
     pub fn reopen(target: &Path) -> Result<Self> {
-        let partial = with_ending(target, "unfinished");
+        let partial = with_ending(target, UNFINISHED);
         if !partial.exists() {
             if std::fs::symlink_metadata(target).is_ok_and(|m| m.is_symlink()) {
                 let rule = "is a symbolic link; name the folder itself";

@@ -110,7 +110,8 @@ pub struct Resumed {
     saved: Checkpoint,
 }
 
-/// Reads the last checkpoint of a folder and builds its scene.
+/// Reads the last checkpoint of a folder, `DIR` or `DIR.unfinished`, and builds its scene. The results will be
+/// in `DIR`.
 ///
 /// # Errors
 /// A checkpoint that cannot be used: damaged, of another version, or of files that have changed.
@@ -123,8 +124,9 @@ pub fn resume(target: &Path) -> Result<Resumed> {
 /// # Errors
 /// Errors of [`resume`]; checkpoints that differ between ranks.
 pub fn resume_on(target: &Path, communicator: Option<Arc<dyn Communicator>>) -> Result<Resumed> {
-    let saved = together(communicator.as_ref(), last_checkpoint(target))?;
-    Resumed::from_checkpoint(saved, Some(target.to_owned()), communicator)
+    let target = Folder::target(target);
+    let saved = together(communicator.as_ref(), last_checkpoint(&target))?;
+    Resumed::from_checkpoint(saved, Some(target), communicator)
 }
 
 /// Reads the last checkpoint of a folder and refuses one that does not fit.
