@@ -139,8 +139,13 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
         .flatten();
     let texts = model_findings.map(text).chain(contacts).chain(warnings);
     let rezoning: f64 = run.rezoning_works().into_iter().sum();
-    let works = run.works().into_iter().filter(|line| line.name != "rezoning");
-    let in_play = works.map(|line| line.work.abs()).sum::<f64>().max(run.energy());
+    let works = run.works();
+    let start = run.energy() - works.iter().map(|line| line.work).sum::<f64>();
+    let others = works.iter().filter(|line| line.name != "rezoning");
+    let put_in: f64 = others.map(|line| line.work.max(0.0)).sum();
+    // What changes put in does not count, nor what damping took out of it, or a run that they blow up would
+    // look harmless.
+    let in_play = (start + put_in).max(run.energy() - rezoning);
     texts.chain(large_work(rezoning, in_play)).collect()
 }
 
@@ -148,7 +153,8 @@ pub(super) fn findings(run: &Coupled<f64>, without_contact: &ParticlesWithoutCon
 const LARGE_WORK: f64 = 0.05;
 
 /// Returns a warning if the `work` of changes of weights has put in or taken out much of the energy in play:
-/// the moduli of all other works, or the present energy if that is more.
+/// that of the start with all other works that put in energy, or the present one without this work if that is
+/// more.
 fn large_work(work: f64, in_play: f64) -> Option<String> {
     (work.abs() > LARGE_WORK * in_play).then(|| {
         format!(

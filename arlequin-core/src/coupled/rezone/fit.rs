@@ -1,10 +1,11 @@
 //! Value at a coarse node of the linear function that fits fine nodes around it best.
 
-use crate::Real;
-use crate::field::Interpolation;
+use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::BoxTree;
 use crate::reach::Reach;
+use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
+use std::collections::BTreeSet;
 
 /// Square of the spread of fine nodes along an axis, over their mean square distance from the coarse node,
 /// below which a slope along it is not fitted: it would be their noise over a small length.
@@ -122,39 +123,75 @@ struct Lever<T: Real> {
     extrapolation: T,
 }
 
-/// Cones `1 − d / R` at the distance `d` that stand for the hats of coarse nodes.
+/// Cones `1 − d / R` at the distance `d` that stand for the hats of coarse nodes. A cone ends where elements
+/// do: it takes fine nodes of elements that have a node in common with an element of its own node, not those
+/// across a gap or a crack.
 pub(super) struct Cones<T: Real> {
+    /// Numbers of the coarse nodes, ascending.
+    coarse: Vec<usize>,
     centres: Vec<Point3<T>>,
     radii: Vec<T>,
     tree: BoxTree<T>,
+    /// Nodes of the elements around each of them.
+    rings: Vec<BTreeSet<usize>>,
 }
 
+/// Where a point beside a coarse node tells an element of it, on the way to another node.
+const BESIDE: f64 = 1e-2;
+
 impl<T: Real> Cones<T> {
-    /// Cones around nodes of a coarse field; the radius `R` is twice the distance to the nearest other node.
-    pub(super) fn new(field: &dyn Interpolation<T>, coarse: &[usize]) -> Self {
+    /// Cones around nodes of a coarse field, in ascending order; the radius `R` is twice the distance to the
+    /// nearest other node.
+    ///
+    /// # Errors
+    /// Errors of the field but for points outside of it.
+    pub(super) fn new(field: &dyn Interpolation<T>, coarse: &[usize]) -> Result<Self> {
         let (reach, nodes) = (Reach::new(field), field.nodes());
-        let radius = |x: &Point3<T>| {
-            let distances = reach.nearest(x).into_iter().map(|k| (nodes[k] - x).norm());
-            let others = distances.filter(|d| *d > T::zero());
-            others.reduce(T::min).unwrap_or_else(T::zero) * T::of(2.0)
-        };
         let centres: Vec<_> = coarse.iter().map(|j| nodes[*j]).collect();
-        let radii: Vec<_> = centres.iter().map(radius).collect();
+        let (mut radii, mut rings) = (Vec::new(), Vec::new());
+        let mut row = ShapeRow::default();
+        for (j, x) in coarse.iter().zip(&centres) {
+            let arms = reach.nearest(x).into_iter().map(|k| nodes[k] - x);
+            // Two nodes may lie at one place, on both sides of a crack.
+            let arms: Vec<_> = arms.filter(|arm| arm.norm() > T::zero()).collect();
+            let least = arms.iter().map(Vector3::norm).reduce(T::min);
+            radii.push(least.unwrap_or_else(T::zero) * T::of(2.0));
+            let mut ring = BTreeSet::from([*j]);
+            for arm in &arms {
+                match field.shape_at(&(x + arm * T::of(BESIDE)), false, &mut row) {
+                    Ok(()) if row.nodes.contains(j) => ring.extend(&row.nodes),
+                    Ok(()) | Err(Error::OutsideDomain { .. }) => {}
+                    Err(e) => return Err(e),
+                }
+            }
+            rings.push(ring);
+        }
         let bounds = |(x, r): (&Point3<T>, &T)| [x - Vector3::repeat(*r), x + Vector3::repeat(*r)];
-        Self {
+        Ok(Self {
+            coarse: coarse.to_vec(),
             tree: BoxTree::new(centres.iter().zip(&radii).map(bounds).collect()),
             centres,
             radii,
+            rings,
+        })
+    }
+
+    /// Adds an element in which a fine node lies, by its nodes, to the cones around them.
+    pub(super) fn add_element(&mut self, nodes: &[usize]) {
+        for j in nodes {
+            if let Ok(k) = self.coarse.binary_search(j) {
+                self.rings[k].extend(nodes);
+            }
         }
     }
 
-    /// Visits the cones in which a point lies, with their number, their value at the point, and the arm from
-    /// their centre.
-    pub(super) fn visit(&self, x: &Point3<T>, mut each: impl FnMut(usize, T, Vector3<T>)) {
+    /// Visits the cones in which a fine node lies, given the nodes of its element, with their number, their
+    /// value at the node, and the arm from their centre.
+    pub(super) fn visit(&self, x: &Point3<T>, element: &[usize], mut each: impl FnMut(usize, T, Vector3<T>)) {
         self.tree.any(&[*x, *x], &mut |k| {
             let arm = x - self.centres[k];
             let value = T::one() - arm.norm() / self.radii[k];
-            if value > T::zero() {
+            if value > T::zero() && element.iter().any(|n| self.rings[k].contains(n)) {
                 each(k, value, arm);
             }
             false
@@ -282,19 +319,28 @@ mod tests {
         let x = |a: f64, b: f64| Point3::new(a, b, 0.0);
         let nodes = vec![x(0.0, 0.0), x(3.0, 0.0), x(-1.0, 0.0), x(0.0, 5.0)];
         let field = ParticleField::new(nodes, &[1.0; 4]).expect("field");
-        let cones = Cones::new(&field, &[0, 3]);
-        let mut found = Vec::new();
-        for point in [x(0.5, 0.0), x(-1.5, 0.0), x(2.5, 0.0), x(0.0, 1.0)] {
-            cones.visit(&point, |k, value, arm| found.push((k, value, arm.x, arm.y)));
+        let mut cones = Cones::new(&field, &[0, 3]).expect("cones");
+        let visited = |cones: &Cones<f64>, point: Point3<f64>, element: &[usize]| {
+            let mut found = Vec::new();
+            cones.visit(&point, element, |k, value, arm| {
+                found.push((k, value, arm.x, arm.y))
+            });
+            found
+        };
+        for (point, value) in [(x(0.5, 0.0), 0.75), (x(-1.5, 0.0), 0.25), (x(0.0, 1.0), 0.5)] {
+            let expected = vec![(0, value, point.x, point.y)];
+            assert_eq!(visited(&cones, point, &[0, 1]), expected);
         }
-        found.sort_by_key(|f| f.0);
-        let of_last = found.split_off(3);
-        // The last one's radius is 10 m, twice that to the first.
-        let expected = [(0, 0.75, 0.5, 0.0), (0, 0.25, -1.5, 0.0), (0, 0.5, 0.0, 1.0)];
-        assert_eq!(of_last.len(), 4);
-        assert!((of_last[3].1 - 0.6).abs() < 1e-15, "{of_last:?}");
-        for (f, e) in found.iter().zip(&expected) {
-            assert!((f.1 - e.1).abs() < 1e-15 && f.0 == e.0, "{f:?} {e:?}");
-        }
+        assert!(visited(&cones, x(2.5, 0.0), &[0, 1]).is_empty());
+        // The last one's radius is 10 m, twice the distance to the first.
+        let [(k, value, ..)] = visited(&cones, x(0.0, 1.0), &[3])[..] else {
+            panic!("not in the cone of node 3");
+        };
+        assert!(k == 1 && (value - 0.6).abs() < 1e-15, "{k} {value}");
+        // Across a gap, an element has no node in common with one of the coarse node, before it has.
+        assert!(visited(&cones, x(0.5, 0.0), &[1, 2]).is_empty());
+        cones.add_element(&[0, 2]);
+        assert_eq!(visited(&cones, x(0.5, 0.0), &[1, 2]).len(), 1);
+        assert!(visited(&cones, x(0.5, 0.0), &[1]).is_empty());
     }
 }

@@ -264,13 +264,15 @@ impl<T: Real> Means<T> {
     ) -> Result<Self> {
         let (field, nodes) = (subdomains[coarse].field(), subdomains[coarse].model().nodes());
         let mut sums = vec![Sums::new(); nodes.len()];
+        let mut placed = Vec::with_capacity(partners.len());
         for &p in partners {
             let giver = &givers[p];
             let has_mass = |node: usize| giver.mass(node) > T::zero();
             let rows = rows(&**field, &subdomains[p], &has_mass, false)?;
             let points = subdomains[p].model().nodes();
             // One after the other, so that the bits do not depend on the number of threads.
-            for (i, row) in rows {
+            for (i, row) in &rows {
+                let i = *i;
                 for (&j, &n) in row.nodes.iter().zip(&row.values) {
                     // The linear continuation of a shape function may be negative, and a mean needs positive
                     // weights.
@@ -280,6 +282,7 @@ impl<T: Real> Means<T> {
                     }
                 }
             }
+            placed.push((p, rows));
         }
         // A corner of a body may have one tetrahedron alone, and hardly a fine node in it. A coarse node with
         // mass that has none keeps its state.
@@ -290,16 +293,18 @@ impl<T: Real> Means<T> {
         };
         let poor: Vec<_> = (0..nodes.len()).filter(poor).collect();
         if !poor.is_empty() {
-            let cones = Cones::new(&**field, &poor);
+            let mut cones = Cones::new(&**field, &poor)?;
+            placed
+                .iter()
+                .flat_map(|p| &p.1)
+                .for_each(|(_, row)| cones.add_element(&row.nodes));
             let mut wide = vec![Sums::new(); poor.len()];
-            for &p in partners {
-                for (i, x) in subdomains[p].model().nodes().iter().enumerate() {
-                    let mass = givers[p].mass(i);
-                    if mass > T::zero() {
-                        cones.visit(x, |k, value, arm| {
-                            wide[k].add(mass * value, &arm, givers[p].motion(i))
-                        });
-                    }
+            for (p, rows) in &placed {
+                let (points, giver) = (subdomains[*p].model().nodes(), &givers[*p]);
+                for (i, row) in rows {
+                    cones.visit(&points[*i], &row.nodes, |k, value, arm| {
+                        wide[k].add(giver.mass(*i) * value, &arm, giver.motion(*i));
+                    });
                 }
             }
             for (j, wide) in poor.into_iter().zip(wide) {

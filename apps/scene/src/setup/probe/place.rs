@@ -11,8 +11,9 @@ use std::sync::atomic::Ordering::Relaxed;
 /// Number of probes of a model up to which each one looks for the particles around its point. More probes
 /// share the tetrahedra of all particles.
 const FEW: usize = 32;
-/// Distance to the nearest particle, in spacings, from which on a point lies in a notch or a hole. Between
-/// packed spheres it is less than one; across a gap, a mean of both sides would be no motion of either.
+/// Distance to the nearest particle, in its diameters or in spacings, from which on a point lies in a notch or
+/// a hole. Between packed spheres it is less than one; across a gap, a mean of both sides would be no motion
+/// of either.
 const VOID: f64 = 1.5;
 
 /// Nodes and shape functions at a point.
@@ -36,10 +37,11 @@ pub(in crate::setup) fn placed(
         body.field.shape_at(&x, false, &mut row).map(|()| row)
     };
     // The nearest particle is a natural neighbour.
-    let in_void = |row: &ShapeRow<f64>| {
-        let distances = row.nodes.iter().map(|k| (nodes[*k] - x).norm());
-        particles.is_some() && distances.fold(f64::INFINITY, f64::min) > VOID * body.spacing
+    let far = |k: &usize| {
+        let diameter = 2.0 * body.grid.radii.get(*k).copied().unwrap_or_default();
+        (nodes[*k] - x).norm() > VOID * body.spacing.max(diameter)
     };
+    let in_void = |row: &ShapeRow<f64>| particles.is_some() && row.nodes.iter().all(far);
     let located = located.and_then(|row| match in_void(&row) {
         true => Err(beyond(&x, "particle")),
         false => Ok(row),
