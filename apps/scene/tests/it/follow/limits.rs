@@ -1,7 +1,7 @@
 //! Limits of zones that follow: what they warn of, and what is refused.
 
 use super::{COARSE, breaks, run, scene};
-use arlequin_scene::{Results, Scene, Silent};
+use arlequin_scene::{Results, RunFolder, Scene, Silent};
 use std::path::Path;
 
 /// Clamps that hold the plate beyond the region load it there, where there are no spheres to break.
@@ -50,8 +50,24 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
     let warnings = &results.summary().warnings;
     let late = warnings.iter().filter(|w| w.contains("woke too late"));
     assert_eq!(late.count(), 1, "{warnings:?}");
-    let error = seldom("true").prepare().expect("built").run(&mut Silent);
+    let strict = seldom("true");
+    let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("woke-too-late");
+    let folder = RunFolder::new(&strict, Some(&place), true).expect("a folder");
+    let error = strict.prepare().expect("built").run_into(folder, &mut Silent);
     let message = error.map(|_| ()).expect_err("too late").to_string();
+    // What the run had at its last sample, not what an error in the middle of a step leaves.
+    let text = |name: &str| std::fs::read_to_string(place.join(name)).expect("a result");
+    let summary: serde_json::Value = serde_json::from_str(&text("summary.json")).expect("a summary");
+    let rows = text("energy.csv");
+    let column = rows
+        .lines()
+        .next()
+        .and_then(|head| head.split(',').position(|c| c == "total [J]"));
+    let last = rows
+        .lines()
+        .last()
+        .and_then(|row| row.split(',').nth(column?)?.parse::<f64>().ok());
+    assert_eq!(summary["energy"]["final"].as_f64(), last);
     assert!(
         message.contains("woke too late") && message.contains("zone.crack.follow.strict"),
         "{message}"

@@ -4,6 +4,7 @@
 mod contacts;
 mod limits;
 mod obstacles;
+mod release;
 
 use arlequin::core::Coupled;
 use arlequin::dem_beam::fracture::{Break, locked};
