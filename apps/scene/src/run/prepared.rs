@@ -110,8 +110,8 @@ pub struct Resumed {
     saved: Checkpoint,
 }
 
-/// Reads the last checkpoint of a folder, `DIR` or `DIR.unfinished`, and builds its scene. The results will be
-/// in `DIR`.
+/// Reads the last checkpoint of a folder, `DIR` or `DIR.unfinished`, and builds its scene. The results will
+/// be in `DIR`.
 ///
 /// # Errors
 /// A checkpoint that cannot be used: damaged, of another version, or of files that have changed.

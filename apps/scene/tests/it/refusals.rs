@@ -513,7 +513,7 @@ fn a_probe_in_the_void_of_a_notch_is_refused() {
             cut[0], cut[1]
         )
     };
-    let built = |half: f64| Scene::from_text(&scene(half)).and_then(|s| s.prepare());
+    let built = |half: f64| Scene::from_text(scene(half)).and_then(|s| s.prepare());
     let Err(e) = built(1.75e-3) else {
         panic!("a probe in a void is taken");
     };

@@ -310,8 +310,8 @@ mod tests {
             assert!(noise > 1.2, "{} nodes: {noise}", arms.len());
         }
         let alone = sums(&[Vector3::zeros()], |_| Vector3::zeros(), Vector3::zeros());
-        assert_eq!(alone.noise(), 1.0);
-        assert_eq!(Sums::<f64>::new().noise(), f64::INFINITY);
+        assert!((alone.noise() - 1.0).abs() < 1e-15, "{}", alone.noise());
+        assert!(Sums::<f64>::new().noise() > f64::MAX);
     }
 
     #[test]
@@ -323,7 +323,7 @@ mod tests {
         let visited = |cones: &Cones<f64>, point: Point3<f64>, element: &[usize]| {
             let mut found = Vec::new();
             cones.visit(&point, element, |k, value, arm| {
-                found.push((k, value, arm.x, arm.y))
+                found.push((k, value, arm.x, arm.y));
             });
             found
         };

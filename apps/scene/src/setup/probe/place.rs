@@ -11,9 +11,9 @@ use std::sync::atomic::Ordering::Relaxed;
 /// Number of probes of a model up to which each one looks for the particles around its point. More probes
 /// share the tetrahedra of all particles.
 const FEW: usize = 32;
-/// Distance to the nearest particle, in its diameters or in spacings, from which on a point lies in a notch or
-/// a hole. Between packed spheres it is less than one; across a gap, a mean of both sides would be no motion
-/// of either.
+/// Distance to the nearest particle, in its diameters or in spacings, from which on a point lies in a notch
+/// or a hole. Between packed spheres it is less than one; across a gap, a mean of both sides would be no
+/// motion of either.
 const VOID: f64 = 1.5;
 
 /// Nodes and shape functions at a point.

@@ -52,13 +52,13 @@ fn two_blocks() -> String {
     for block in 0..2 {
         let number = |[i, j, k]: [usize; 3]| 175 * block + 1 + i + 7 * (j + 5 * k);
         for n in 0..175 {
-            let at = [n % 7, n / 7 % 5, n / 35];
-            let x = at.map(|i| 1.5e-3 * i as f64);
+            let place = [n % 7, n / 7 % 5, n / 35];
+            let x = place.map(|i| 1.5e-3 * i as f64);
             let shift = 10e-3 * block as f64;
-            let _ = writeln!(nodes, "{} {} {} {}", number(at), x[0] + shift, x[1], x[2]);
+            let _ = writeln!(nodes, "{} {} {} {}", number(place), x[0] + shift, x[1], x[2]);
         }
         for n in 0..counts.iter().product() {
-            let at = [n % 6, n / 6 % 4, n / 24];
+            let cell = [n % 6, n / 6 % 4, n / 24];
             let _ = write!(cells, "{} 5 2 0 1", 96 * block + n + 1);
             for corner in [
                 [0, 0, 0],
@@ -70,7 +70,7 @@ fn two_blocks() -> String {
                 [1, 1, 1],
                 [0, 1, 1],
             ] {
-                let _ = write!(cells, " {}", number(std::array::from_fn(|c| at[c] + corner[c])));
+                let _ = write!(cells, " {}", number(std::array::from_fn(|c| cell[c] + corner[c])));
             }
             cells.push('\n');
         }
