@@ -123,9 +123,8 @@ struct Lever<T: Real> {
     extrapolation: T,
 }
 
-/// Cones `1 − d / R` at the distance `d` that stand for the hats of coarse nodes. A cone ends where elements
-/// do: it takes fine nodes of elements that have a node in common with an element of its own node, not those
-/// across a gap or a crack.
+/// Cones `1 − d / R` at the distance `d` that stand for the hats of coarse nodes. A cone does not cross a gap
+/// or a crack: it takes fine nodes in elements that share a node with an element of its coarse node.
 pub(super) struct Cones<T: Real> {
     /// Numbers of the coarse nodes, ascending.
     coarse: Vec<usize>,
@@ -136,7 +135,7 @@ pub(super) struct Cones<T: Real> {
     rings: Vec<BTreeSet<usize>>,
 }
 
-/// Where a point beside a coarse node tells an element of it, on the way to another node.
+/// Share of the way to another node at which a point lies in an element of the coarse node.
 const BESIDE: f64 = 1e-2;
 
 impl<T: Real> Cones<T> {

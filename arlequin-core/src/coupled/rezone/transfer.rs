@@ -271,8 +271,7 @@ impl<T: Real> Means<T> {
             let rows = rows(&**field, &subdomains[p], &has_mass, false)?;
             let points = subdomains[p].model().nodes();
             // One after the other, so that the bits do not depend on the number of threads.
-            for (i, row) in &rows {
-                let i = *i;
+            for &(i, ref row) in &rows {
                 for (&j, &n) in row.nodes.iter().zip(&row.values) {
                     // The linear continuation of a shape function may be negative, and a mean needs positive
                     // weights.
@@ -284,8 +283,8 @@ impl<T: Real> Means<T> {
             }
             placed.push((p, rows));
         }
-        // A corner of a body may have one tetrahedron alone, and hardly a fine node in it. A coarse node with
-        // mass that has none keeps its state.
+        // A corner of a body may have one tetrahedron alone, with hardly a fine node in it. A coarse node that
+        // has mass, and no fine node in its hat, keeps its state.
         let poor = |j: &usize| {
             let sum = &sums[*j];
             let counts = sum.weight > T::zero() || givers[coarse].mass(*j) <= T::zero();

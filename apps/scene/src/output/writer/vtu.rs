@@ -64,9 +64,7 @@ impl<'a> Appended<'a> {
         let (kind, name, count) = (float_kind(array), &array.name, values.len());
         if array.derived {
             self.add(kind, name, array.components, count, move |first, slots| {
-                // Clamped: beyond the largest number of single precision a value would become infinite.
-                let single = |x: &f64| x.clamp(f32::MIN.into(), f32::MAX.into()) as f32;
-                copy(slots, &values[first..], |x| single(x).to_le_bytes());
+                copy(slots, &values[first..], |x| single(*x).to_le_bytes());
             });
         } else {
             self.add(kind, name, array.components, count, move |first, slots| {
@@ -122,6 +120,11 @@ fn hide<'a>(a: &mut Appended<'a>, arrays: &'a [Array<'_>], mark: u8) {
             copy(slots, &x.values[first..], |v| [if *v > 0.0 { mark } else { 0 }]);
         });
     }
+}
+
+/// Returns a number in single precision. Beyond its largest number a value would become infinite.
+fn single(x: f64) -> f32 {
+    x.clamp(f32::MIN.into(), f32::MAX.into()) as f32
 }
 
 /// Data type of an array of floating-point numbers.
@@ -268,4 +271,18 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::single;
+
+    #[test]
+    fn numbers_that_single_precision_does_not_reach_stay_finite() {
+        let bits = |x: f32| x.to_bits();
+        assert_eq!(
+            [1e300, -1e300, 0.1].map(|x| bits(single(x))),
+            [f32::MAX, f32::MIN, 0.1].map(bits)
+        );
+    }
 }
