@@ -24,8 +24,9 @@ fn width(field: OutputField) -> usize {
     }
 }
 
-/// Size of the recovered fields in one frame of a model, bonds included \[bytes\].
-pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
+/// Size of the recovered fields in one frame of a model, bonds included \[bytes\]. `brittle`: whether bonds
+/// can break.
+pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>, brittle: bool) -> usize {
     let nodes = s.model().views().recovery.map_or(0, |r| {
         let is_known = |f: &&OutputField| **f != OutputField::Strain || r.has_strain();
         s.model().nodes().len() * fields.iter().filter(is_known).map(|f| width(*f)).sum::<usize>()
@@ -39,7 +40,8 @@ pub(super) fn bytes(fields: &[OutputField], s: &Subdomain<f64>) -> usize {
     4 * (nodes
         + densities
         + if fields.contains(&OutputField::BondForces) {
-            3 * bonds
+            // Without fracture they have no utilisation.
+            (WIDTH - usize::from(!brittle)) * bonds
         } else {
             0
         })

@@ -159,8 +159,8 @@ impl Folder {
         with_ending(target, UNFINISHED)
     }
 
-    /// Path of the results of a run that a user names by `folder`: the target, or the folder with a checkpoint
-    /// that the run left behind.
+    /// Path of the results of a run that a user names by `folder`: the target, or the folder with a
+    /// checkpoint that the run left behind.
     pub fn target(folder: &Path) -> PathBuf {
         let goes_on = folder.extension().is_some_and(|e| e == UNFINISHED);
         match goes_on && folder.join(mark::CHECKPOINT).exists() {

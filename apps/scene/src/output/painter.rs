@@ -79,7 +79,7 @@ impl Painter {
                 None => model_cells(),
             },
             weights: weights(s, &info.grid.points),
-            recovered: fields::bytes(fields, s),
+            recovered: fields::bytes(fields, s, info.breaks.is_some()),
             grid: info.grid,
             breaks: info.breaks,
             piece,
@@ -95,9 +95,13 @@ impl Painter {
             0
         };
         let densities = self.centres.as_ref().map_or(0, Vec::len);
+        let damage = match self.breaks {
+            Some(_) => self.grid.points.len() + self.grid.cells(),
+            None => 0,
+        };
         fixed
             + (48 + weights) * self.grid.points.len()
-            + 4 * densities
+            + 4 * (densities + damage)
             + 8 * self.grid.radii.len()
             + self.recovered
     }

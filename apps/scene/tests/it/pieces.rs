@@ -513,24 +513,28 @@ fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_fram
     join_pieces(&out.join("vtu/bar_00000000.pvtu"), 3);
 }
 
-/// What a preview says of frames are the bytes of their arrays.
+/// What a preview says of frames are the bytes of their arrays, with bonds that can break and without.
 #[test]
 fn frames_have_the_bytes_that_a_preview_tells() {
     let bodies = BODIES.split("[[effect]]").next().expect("models");
     let fields = "[\"displacement\", \"velocity\", \"weights\", \"energy-density\", \"multipliers\", \"stress\", \"strain\", \
                   \"von-mises\", \"principal-stress\", \"bond-forces\"]";
-    let text = format!(
-        "{bodies}[[initial]]\nmodels = [\"gum\"]\nvelocity.uniform = [1.0, 0.0, 0.0]\n[time]\nsteps = 2\n\
-         [output]\nevery = 2\nplots = false\nfields = {fields}\n"
-    );
-    let scene = Scene::from_text(text).expect("a scene");
-    let told = scene.prepare().expect("built").preview().output_bytes;
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bytes-of-frames");
-    let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
-    let prepared = scene.prepare().expect("built");
-    prepared.run_into(run_folder, &mut Silent).expect("runs");
-    let files = std::fs::read_dir(folder.join("vtu")).expect("frames");
-    let bytes = |path: PathBuf| arrays(&path).values().map(|a| a.2.len()).sum::<usize>();
-    let written: usize = files.map(|f| bytes(f.expect("a file").path())).sum();
-    assert_eq!(told, written);
+    let fracture =
+        "[[effect]]\nmodels = [\"bar\"]\nfracture = { criterion = \"rankine\", strength = 100e6 }\n";
+    for effect in ["", fracture] {
+        let text = format!(
+            "{bodies}{effect}[[initial]]\nmodels = [\"gum\"]\nvelocity.uniform = [1.0, 0.0, 0.0]\n[time]\nsteps = 2\n\
+             [output]\nevery = 2\nplots = false\nfields = {fields}\n"
+        );
+        let scene = Scene::from_text(text).expect("a scene");
+        let told = scene.prepare().expect("built").preview().output_bytes;
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bytes-of-frames");
+        let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
+        let prepared = scene.prepare().expect("built");
+        prepared.run_into(run_folder, &mut Silent).expect("runs");
+        let files = std::fs::read_dir(folder.join("vtu")).expect("frames");
+        let bytes = |path: PathBuf| arrays(&path).values().map(|a| a.2.len()).sum::<usize>();
+        let written: usize = files.map(|f| bytes(f.expect("a file").path())).sum();
+        assert_eq!(told, written, "{effect}");
+    }
 }

@@ -283,8 +283,8 @@ impl<T: Real> Means<T> {
             }
             placed.push((p, rows));
         }
-        // A corner of a body may have one tetrahedron alone, with hardly a fine node in it. A coarse node that
-        // has mass, and no fine node in its hat, keeps its state.
+        // A corner of a body may have one tetrahedron alone, with hardly a fine node in it. A coarse node
+        // with mass, and no fine node in its hat, keeps its state.
         let poor = |j: &usize| {
             let sum = &sums[*j];
             let counts = sum.weight > T::zero() || givers[coarse].mass(*j) <= T::zero();
