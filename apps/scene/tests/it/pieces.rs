@@ -527,7 +527,7 @@ fn frames_have_the_bytes_that_a_preview_tells() {
              [output]\nevery = 2\nplots = false\nfields = {fields}\n"
         );
         let scene = Scene::from_text(text).expect("a scene");
-        let told = scene.prepare().expect("built").preview().output_bytes;
+        let predicted = scene.prepare().expect("built").preview().output_bytes;
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bytes-of-frames");
         let run_folder = RunFolder::new(&scene, Some(&folder), true).expect("a folder");
         let prepared = scene.prepare().expect("built");
@@ -535,6 +535,6 @@ fn frames_have_the_bytes_that_a_preview_tells() {
         let files = std::fs::read_dir(folder.join("vtu")).expect("frames");
         let bytes = |path: PathBuf| arrays(&path).values().map(|a| a.2.len()).sum::<usize>();
         let written: usize = files.map(|f| bytes(f.expect("a file").path())).sum();
-        assert_eq!(told, written, "{effect}");
+        assert_eq!(predicted, written, "{effect}");
     }
 }
