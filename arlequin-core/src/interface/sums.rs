@@ -75,7 +75,7 @@ pub(super) struct Tally<T> {
     measure: T,
     reached: T,
     lost: T,
-    /// Measure of particles that sleep.
+    /// Length, area or volume of the particles that sleep.
     asleep: T,
     /// The first particle that sleeps.
     first_asleep: Option<usize>,

@@ -513,9 +513,9 @@ fn a_piece_that_cannot_be_written_ends_all_ranks_by_name_and_leaves_no_half_fram
     join_pieces(&out.join("vtu/bar_00000000.pvtu"), 3);
 }
 
-/// What a preview says of frames are the bytes of their arrays, with bonds that can break and without.
+/// A preview predicts the bytes of all arrays in the frames, with bonds that can break and without.
 #[test]
-fn frames_have_the_bytes_that_a_preview_tells() {
+fn frames_have_the_bytes_that_a_preview_predicts() {
     let bodies = BODIES.split("[[effect]]").next().expect("models");
     let fields = "[\"displacement\", \"velocity\", \"weights\", \"energy-density\", \"multipliers\", \"stress\", \"strain\", \
                   \"von-mises\", \"principal-stress\", \"bond-forces\"]";

@@ -498,7 +498,7 @@ fn an_effect_that_a_line_cannot_have_is_blamed_itself() {
     );
 }
 
-/// A notch of seven spacings' width, and one of a spacing, which a probe bridges.
+/// A probe in a notch seven spacings wide is refused. In a notch of one spacing it reads both sides.
 #[test]
 fn a_probe_in_the_void_of_a_notch_is_refused() {
     let scene = |half: f64| {

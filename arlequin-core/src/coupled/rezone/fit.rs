@@ -1,4 +1,4 @@
-//! Value at a coarse node of the linear function that fits fine nodes around it best.
+//! Least-squares fit of a linear function to the states of fine nodes, and its value at a coarse node.
 
 use crate::field::{Interpolation, ShapeRow};
 use crate::geometry::BoxTree;
@@ -7,8 +7,8 @@ use crate::{Error, Real, Result};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::BTreeSet;
 
-/// Square of the spread of fine nodes along an axis, over their mean square distance from the coarse node,
-/// below which a slope along it is not fitted: it would be their noise over a small length.
+/// Least variance of the positions of fine nodes along an axis, over their mean square distance from the
+/// coarse node, for which a slope along the axis is fitted. With less, it would be noise over a small length.
 const FLAT: f64 = 0.02;
 
 /// Weighted sums over the fine nodes around a coarse node, with positions from it.
@@ -139,8 +139,8 @@ pub(super) struct Cones<T: Real> {
 const BESIDE: f64 = 1e-2;
 
 impl<T: Real> Cones<T> {
-    /// Cones around nodes of a coarse field, in ascending order; the radius `R` is twice the distance to the
-    /// nearest other node.
+    /// Builds the cones of the nodes `coarse` of a field (ascending). The radius `R` of a cone is twice the
+    /// distance from its node to the nearest other node.
     ///
     /// # Errors
     /// Errors of the field but for points outside of it.
@@ -175,7 +175,7 @@ impl<T: Real> Cones<T> {
         })
     }
 
-    /// Adds an element in which a fine node lies, by its nodes, to the cones around them.
+    /// Adds the nodes of an element to the ring of each of them that has a cone.
     pub(super) fn add_element(&mut self, nodes: &[usize]) {
         for j in nodes {
             if let Ok(k) = self.coarse.binary_search(j) {
@@ -203,8 +203,8 @@ mod tests {
     use super::*;
     use crate::field::ParticleField;
 
-    /// Sums over nodes at `arms` that have the displacement `x`, and turn by `turn`; velocities are twice as
-    /// large.
+    /// Sums over fine nodes at the positions `arms` from the coarse node. Each has the displacement `x(arm)`
+    /// and the rotation `turn`; velocities and spins are twice as large.
     fn sums(
         arms: &[Vector3<f64>],
         x: impl Fn(&Vector3<f64>) -> Vector3<f64>,

@@ -4,8 +4,9 @@ use super::between::shape_between;
 use crate::error::{Error, Result, core, value};
 use crate::setup::body::Body;
 use crate::setup::shapes::corners;
+use arlequin::core::Error::OutsideDomain;
+use arlequin::core::ShapeRow;
 use arlequin::core::nalgebra::Point3;
-use arlequin::core::{ShapeRow, outside as beyond};
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Number of probes of a model up to which each one looks for the particles around its point. More probes
@@ -42,12 +43,11 @@ pub(in crate::setup) fn placed(
         (nodes[*k] - x).norm() > VOID * body.spacing.max(diameter)
     };
     let in_void = |row: &ShapeRow<f64>| particles.is_some() && row.nodes.iter().all(far);
-    let located = located.and_then(|row| match in_void(&row) {
-        true => Err(beyond(&x, "particle")),
-        false => Ok(row),
-    });
-    let row = located.map_err(|e| outside(path, model_name, &x, body, e))?;
-    Ok((row.nodes, row.values))
+    match located {
+        Ok(row) if !in_void(&row) => Ok((row.nodes, row.values)),
+        Ok(_) | Err(OutsideDomain { .. }) => Err(outside(path, model_name, &x, body)),
+        Err(e) => Err(core(format!("{path}.at"))(e)),
+    }
 }
 
 /// Refuses a point outside of the bounding box of a model.
@@ -103,11 +103,8 @@ fn outside_box(
     )
 }
 
-/// Turns the error about a point outside of a model into one that names the extent of the model.
-fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body, e: arlequin::core::Error) -> Error {
-    if !matches!(e, arlequin::core::Error::OutsideDomain { .. }) {
-        return core(format!("{path}.at"))(e);
-    }
+/// Refuses a point outside of a model that is built; the error names the extent of the model.
+fn outside(path: &str, model: &str, x: &Point3<f64>, body: &Body) -> Error {
     let [low, high] = corners(body.model.nodes());
     let distance = |n: &Point3<f64>| (n - x).norm_squared();
     let nearest = body.model.nodes().iter();

@@ -55,7 +55,7 @@ fn a_zone_that_looks_too_seldom_says_that_it_woke_too_late() {
     let folder = RunFolder::new(&strict, Some(&place), true).expect("a folder");
     let error = strict.prepare().expect("built").run_into(folder, &mut Silent);
     let message = error.map(|_| ()).expect_err("too late").to_string();
-    // What the run had at its last sample, not what an error in the middle of a step leaves.
+    // The summary has the energy of the last sample.
     let text = |name: &str| std::fs::read_to_string(place.join(name)).expect("a result");
     let summary: serde_json::Value = serde_json::from_str(&text("summary.json")).expect("a summary");
     let rows = text("energy.csv");

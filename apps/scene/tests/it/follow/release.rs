@@ -4,8 +4,8 @@ use super::{breaks, run};
 use arlequin_scene::{Results, Scene};
 use std::fmt::Write as _;
 
-/// A body that stretches until its middle breaks nearly, and damps; its zone begins empty and comes and goes.
-/// `shape`: lines of the body; `zone`: spacing and seed of its spheres.
+/// Runs a body that stretches until its middle nearly breaks. Its zone is empty at first, grows, and leaves
+/// the body again. `shape`: lines of the body; `zone`: lines of the zone; `rest`: further tables.
 fn stretched(shape: &str, zone: &str, rest: &str) -> Results {
     let text = format!(
         "[body]\nkind = \"fem\"\n{shape}\nfem.element = \"tet4\"\n\
@@ -15,7 +15,7 @@ fn stretched(shape: &str, zone: &str, rest: &str) -> Results {
     run(&Scene::from_text(text).expect("a scene"))
 }
 
-/// Largest sum of energy that changes put in, over the energy at the start.
+/// Energy that changes of weights put in, over the energy at the start.
 fn gains(results: &Results) -> f64 {
     let summary = results.summary();
     let works = summary.conversions.iter().map(|c| c.work.max(0.0));
@@ -44,35 +44,21 @@ fn corners_with_few_spheres_on_one_side_do_not_strain_the_body() {
     }
 }
 
-/// Two blocks of 6 × 4 × 4 hexahedra of 1.5 mm, 1 mm apart, in the format of Gmsh.
+/// Two blocks of 6 × 4 × 4 hexahedra of 1.5 mm, 1 mm apart, as a Gmsh file.
 fn two_blocks() -> String {
-    let counts = [6, 4, 4];
-    let mut nodes = String::new();
-    let mut cells = String::new();
+    let (mut nodes, mut cells) = (String::new(), String::new());
     for block in 0..2 {
-        let number = |[i, j, k]: [usize; 3]| 175 * block + 1 + i + 7 * (j + 5 * k);
+        // Of 7 × 5 × 5 nodes; neighbours along the axes have numbers that differ by 1, 7 and 35.
+        let first = 175 * block + 1;
         for n in 0..175 {
-            let place = [n % 7, n / 7 % 5, n / 35];
-            let x = place.map(|i| 1.5e-3 * i as f64);
-            let shift = 10e-3 * block as f64;
-            let _ = writeln!(nodes, "{} {} {} {}", number(place), x[0] + shift, x[1], x[2]);
+            let [x, y, z] = [n % 7, n / 7 % 5, n / 35].map(|i| 1.5e-3 * i as f64);
+            let _ = writeln!(nodes, "{} {} {y} {z}", first + n, x + 10e-3 * block as f64);
         }
-        for n in 0..counts.iter().product() {
-            let cell = [n % 6, n / 6 % 4, n / 24];
-            let _ = write!(cells, "{} 5 2 0 1", 96 * block + n + 1);
-            for corner in [
-                [0, 0, 0],
-                [1, 0, 0],
-                [1, 1, 0],
-                [0, 1, 0],
-                [0, 0, 1],
-                [1, 0, 1],
-                [1, 1, 1],
-                [0, 1, 1],
-            ] {
-                let _ = write!(cells, " {}", number(std::array::from_fn(|c| cell[c] + corner[c])));
-            }
-            cells.push('\n');
+        for n in 0..96 {
+            let corner = first + n % 6 + 7 * (n / 6 % 4) + 35 * (n / 24);
+            let [a, b, c, d, e, f, g, h] = [0, 1, 8, 7, 35, 36, 43, 42].map(|k| corner + k);
+            let number = 96 * block + n + 1;
+            let _ = writeln!(cells, "{number} 5 2 0 1 {a} {b} {c} {d} {e} {f} {g} {h}");
         }
     }
     format!(
